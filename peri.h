@@ -1,0 +1,4196 @@
+/* peri.h - v0.1.0 - meshless peridynamic particles: elastic bodies that stay stable at game time steps - MIT licence
+
+   The third of peri's three floors, and the one that a user includes: a world of bodies made of particles, colliders,
+   time stepping, sampling and skinning. It includes peri_material.h and peri_solver.h.
+
+   USE
+       #define PERI_IMPLEMENTATION      in ONE translation unit, before the include
+       #include "peri.h"
+
+   QUICK START (a rubber cube falls on a floor)
+       peri_world_def wd = peri_default_world_def();
+       peri_world *world = peri_world_create(&wd, NULL);
+       peri_material rubber = peri_material_neo_hookean(1e5f, 0.3f, 1000);
+       peri_collider_def floor_def = peri_default_collider_def();        (a plane: z = 0, facing up)
+       peri_body_def bd = peri_default_body_def();
+       peri_shape cube = peri_shape_box(0.25f, 0.25f, 0.25f);
+       peri_real points[3 * 1000];
+       int count = 0, frame;
+       bd.spacing = 0.05f;
+       peri_sample(&cube, bd.spacing, points, 1000, &count, NULL);
+       bd.points = points;
+       bd.count = count;
+       bd.position.z = 1;
+       bd.material = peri_material_create(world, &rubber);
+       peri_body_create(world, &bd);
+       peri_collider_create(world, &floor_def);
+       for (frame = 0; frame < 60; frame++) peri_world_step(world, 1.0f / 30);
+       peri_world_destroy(world);
+
+   DOES       elastic solids of any shape: linear, neo-Hookean, St. Venant-Kirchhoff, user's laws; recovery from
+              collapse and inversion; backward Euler and BDF2 at any step; fixed and script-driven particles;
+              colliders with friction that hand their impulses back; fine meshes moved by coarse particles.
+   DOES NOT   (yet) let bodies touch each other, or flow, yield and break.
+
+   UNITS AND CONVENTIONS
+       SI: m, kg, s, N, Pa, J. Right-handed; z is up in the defaults. Arrays of vectors are x0 y0 z0 x1 y1 z1 ...
+       Quaternions are x, y, z, w. d is the spacing of a body's points, the horizon is given in units of d.
+       Particles of a body are numbered as they were given, from 0.
+
+   OPTIONS (define before including, the same in every translation unit); see also peri_solver.h
+       PERI_NO_SAMPLING    leaves out peri_sample
+       PERI_NO_SKINNING    leaves out skins
+       PERI_NO_DRAW        leaves out debug drawing
+
+   MEMORY     one hook (peri_allocator), or one buffer of the caller: peri_world_size(&def) bytes, from which everything
+              is taken. Nothing is allocated in a settled step; peri_stats counts. Pointers to particle arrays hold
+              until the next body is created or destroyed.
+   THREADS    one thread at a time may use a world; different worlds are independent. A step uses the threads of the
+              world's peri_parallel.
+   DETERMINISM  the same build, calls and input give the same bits, whatever the number of threads; with
+              -ffp-contract=off from every compiler and optimisation level of one architecture.
+   ERRORS     functions return peri_result or a null id; peri_last_error(world) has the sentence. Bad input is refused
+              before anything changes. A step that fails leaves the world as it was before the step.
+
+   CONTENTS
+       1  world and step
+       2  bodies
+       3  colliders
+       4  shapes and sampling
+       5  skins
+       6  looking: values, statistics, debug drawing
+       implementation: memory, world, neighbours and bonds, bodies, colliders, the step, queries, sampling, skins
+
+   HISTORY
+       0.1.0  first version: elastic bodies, colliders, sampling, skins
+*/
+#ifndef PERI_H
+#define PERI_H
+
+#include "peri_material.h"
+
+/* ---- 1  world and step ------------------------------------------------------------------------------------------- */
+
+typedef struct peri_world peri_world;
+
+/* Ids: zero is null; a removed object's id is never valid again. */
+typedef struct peri_body_id { uint32_t index1, generation; } peri_body_id;
+typedef struct peri_material_id { uint32_t index1, generation; } peri_material_id;
+typedef struct peri_collider_id { uint32_t index1, generation; } peri_collider_id;
+typedef struct peri_skin_id { uint32_t index1, generation; } peri_skin_id;
+
+typedef struct peri_quat { peri_real x, y, z, w; } peri_quat;
+
+typedef enum peri_integrator {
+    PERI_BACKWARD_EULER,    /* the papers': stable, damps motion faster than about 20 steps a period */
+    PERI_BDF2               /* second order: damps far less for the same cost; starts with one Euler step */
+} peri_integrator;
+
+/* The global step of the solver: how the constant matrix is (approximately) inverted (PP section 4.2). */
+typedef enum peri_solver {
+    PERI_SOLVER_AUTO,       /* Cholesky when its factor fits, else Chebyshev */
+    PERI_SOLVER_CHOLESKY,   /* factorised once per body and step size */
+    PERI_SOLVER_JACOBI,     /* one Jacobi sweep */
+    PERI_SOLVER_CHEBYSHEV,  /* Jacobi + Chebyshev, `sweeps` sweeps */
+    PERI_SOLVER_POSITION    /* position-based averaging: each bond moves both its ends half way */
+} peri_solver;
+
+typedef struct peri_world_def {
+    uint32_t cookie;            /* set by peri_default_world_def */
+    peri_vec3 gravity;          /* m/s^2; (0, 0, -9.81) */
+    peri_integrator integrator; /* PERI_BACKWARD_EULER */
+    peri_solver solver;         /* PERI_SOLVER_AUTO */
+    int sweeps;                 /* of Chebyshev, 2 to 64; 12 */
+    int lbfgs;                  /* steps remembered by L-BFGS over the matrix, 0 to 8; 5. 0: the papers' plain iteration */
+    peri_real tolerance;        /* iterations end when no particle is corrected by more, in spacings; 1e-3. Below 1e-6
+                                   a float build stalls */
+    int max_iterations;         /* of a step; 200 */
+    int cap_is_error;           /* 1: a step that meets max_iterations fails and is undone; 0: it is reported only */
+    peri_real matrix_scale;     /* of the elastic part of the matrix, 0.05 to 4; 0.5. Changes speed, not the answer */
+    int keep_momentum;          /* 1: bodies that touch nothing keep linear and angular momentum to rounding, where
+                                   backward Euler alone damps rotation; 0: the bare integrator */
+    int max_particles;          /* limits; growth beyond them is refused. 2^24 */
+    int max_bonds;              /* directed, so twice the number of pairs. 2^30 */
+    int max_bodies;             /* 65535 */
+    int max_materials;          /* 1024 */
+    int max_colliders;          /* 1024 */
+    int max_skins;              /* 1024 */
+    size_t spare_bytes;         /* with a buffer: what is left for factors, skins and sampling; 0 */
+    peri_allocator memory;      /* resize NULL: realloc and free */
+    peri_parallel parallel;     /* run NULL: OpenMP if compiled in; threads 1 */
+    double (*clock)(void *user);    /* seconds, for the profile; NULL: the C library's processor time */
+    void (*log)(const char *text, void *user);  /* told of every error and notable event; NULL: silent */
+    void *user;                 /* for clock and log */
+} peri_world_def;
+
+/* Defaults as written above. */
+PERI_DEF peri_world_def peri_default_world_def(void);
+
+/* A world, or NULL with the reason in err (may be NULL). */
+PERI_DEF peri_world *peri_world_create(const peri_world_def *def, peri_error *err);
+
+/* Bytes that a world with the limits of def takes in a buffer, spare_bytes included; 0 when def is wrong or the
+   product is beyond size_t. Set the limits: the defaults ask for a very large world. */
+PERI_DEF size_t peri_world_size(const peri_world_def *def);
+
+/* A world inside buffer (aligned as malloc's), which never allocates. Destroying it does not free the buffer. */
+PERI_DEF peri_world *peri_world_create_in(const peri_world_def *def, void *buffer, size_t bytes, peri_error *err);
+
+/* Frees all; NULL is fine. */
+PERI_DEF void peri_world_destroy(peri_world *world);
+
+/* One step of dt seconds (> 0). On error the world is as before the step. */
+PERI_DEF peri_result peri_world_step(peri_world *world, peri_real dt);
+
+/* Gravity, m/s^2. */
+PERI_DEF peri_result peri_world_set_gravity(peri_world *world, peri_vec3 gravity);
+
+/* The last error of this world; its text stays until the next error. */
+PERI_DEF const peri_error *peri_last_error(const peri_world *world);
+
+/* A hash of all that the next step depends on (FNV-1a over positions, velocities, colliders): equal states, equal
+   hashes. */
+PERI_DEF uint64_t peri_world_hash(const peri_world *world);
+
+/* ---- 2  bodies --------------------------------------------------------------------------------------------------- */
+
+/* Weight w(r) of a bond of length r, normalised to sum to one over a particle's bonds. delta: horizon. */
+typedef enum peri_kernel {
+    PERI_KERNEL_POWER,      /* (r/d)^-kernel_power: 0.7 with horizon 1.75, 1 with 3.01 are isotropic on a lattice */
+    PERI_KERNEL_CONSTANT,   /* 1 */
+    PERI_KERNEL_LINEAR,     /* 1 - r/delta (0 at the horizon) */
+    PERI_KERNEL_CUBIC,      /* cubic spline of support delta */
+    PERI_KERNEL_INVERSE,    /* delta/r (SH) */
+    PERI_KERNEL_SHIFTED     /* 1 / (1 + r/delta) (SH figure 9) */
+} peri_kernel;
+
+typedef struct peri_body_def {
+    uint32_t cookie;
+    const peri_real *points;        /* 3 count: reference positions, m; no two closer than 1e-3 spacing */
+    const peri_real *volumes;       /* count, m^3; NULL: spacing^3 each */
+    const unsigned char *fixed;     /* count, 1: fixed; NULL: none */
+    int count;                      /* >= 1 */
+    peri_real spacing;              /* d, m, > 0. Wrong by a factor 2 the families are too small or too large */
+    peri_real horizon;              /* in spacings, 1 to 6; 1.75 (26 neighbours on a cubic lattice) */
+    peri_kernel kernel;             /* PERI_KERNEL_POWER */
+    peri_real kernel_power;         /* -4 to 4; 0.7 */
+    int partial_volume;             /* 1: bonds within half a spacing of the horizon count linearly less (1 at
+                                       delta - d/2, 1/2 at delta); 0 */
+    peri_material_id material;
+    peri_vec3 position;             /* the points are rotated, then moved by this, m */
+    peri_quat rotation;             /* unit within 1e-3; identity */
+    peri_vec3 velocity;             /* m/s */
+    peri_vec3 spin;                 /* rad/s, about the centre of mass */
+    peri_real contact_radius;       /* distance at which a particle touches a collider, in spacings, 0 to 2; 0.5 */
+} peri_body_def;
+
+PERI_DEF peri_body_def peri_default_body_def(void);
+
+/* A material that bodies refer to; a copy is kept. Null id on error. */
+PERI_DEF peri_material_id peri_material_create(peri_world *world, const peri_material *material);
+
+/* A body, or a null id. The arrays of def are copied. Cost: O(count) plus the factorisation at the next step. */
+PERI_DEF peri_body_id peri_body_create(peri_world *world, const peri_body_def *def);
+
+/* Removes a body and its skins. */
+PERI_DEF peri_result peri_body_destroy(peri_world *world, peri_body_id body);
+
+/* 1 while the body exists. */
+PERI_DEF int peri_body_is_valid(const peri_world *world, peri_body_id body);
+
+/* Number of particles; 0 for a wrong id. */
+PERI_DEF int peri_body_count(const peri_world *world, peri_body_id body);
+
+/* Present positions (m) and velocities (m/s), 3 count, read only, renewed by every step; NULL for a wrong id. */
+PERI_DEF const peri_real *peri_body_positions(const peri_world *world, peri_body_id body);
+PERI_DEF const peri_real *peri_body_velocities(const peri_world *world, peri_body_id body);
+
+/* Put particles first .. first + count - 1 at x (3 count, m), or give them velocities v (m/s). The rest shape stays:
+   a body put out of shape pulls itself back. */
+PERI_DEF peri_result peri_body_set_positions(peri_world *world, peri_body_id body, int first, int count,
+                                             const peri_real *x);
+PERI_DEF peri_result peri_body_set_velocities(peri_world *world, peri_body_id body, int first, int count,
+                                              const peri_real *v);
+
+/* External forces (3 count, N) that act until they are set again. f NULL: none. */
+PERI_DEF peri_result peri_body_set_forces(peri_world *world, peri_body_id body, int first, int count,
+                                          const peri_real *f);
+
+/* Fixes (1) or frees (0) a particle. A fixed one stays where it is, or goes where peri_body_move sends it. */
+PERI_DEF peri_result peri_body_set_fixed(peri_world *world, peri_body_id body, int particle, int fixed);
+
+/* Script-driven particles: the fixed particle is at x (m) at the end of the next step and stays there. */
+PERI_DEF peri_result peri_body_move(peri_world *world, peri_body_id body, int particle, peri_vec3 x);
+
+/* What a body is and does. Energies in J; potential of gravity about the origin; momenta about the origin. */
+typedef struct peri_measure {
+    double mass;                        /* kg */
+    double centre[3];                   /* m */
+    double momentum[3];                 /* kg m/s */
+    double angular_momentum[3];         /* kg m^2/s, about the origin */
+    double kinetic, elastic, potential; /* J */
+    double lower[3], upper[3];          /* bounds of the particle centres, m */
+} peri_measure;
+
+/* Measures a body (or, with a null id, the whole world). Evaluates the elastic energy: costs about one iteration. */
+PERI_DEF peri_result peri_body_measure(peri_world *world, peri_body_id body, peri_measure *out);
+
+/* Internal elastic forces at the present positions (3 count, N), fixed particles included: their sum over a fixed face
+   is minus its reaction. */
+PERI_DEF peri_result peri_body_forces(peri_world *world, peri_body_id body, peri_real *f);
+
+/* ---- 3  colliders ------------------------------------------------------------------------------------------------ */
+
+typedef enum peri_friction {
+    PERI_FRICTION_SLIP,     /* none */
+    PERI_FRICTION_COULOMB,  /* static and sliding, coefficient `friction` */
+    PERI_FRICTION_STICK     /* no slip while touching */
+} peri_friction;
+
+typedef enum peri_shape_kind {
+    PERI_SHAPE_PLANE,       /* z <= 0 is solid (colliders only) */
+    PERI_SHAPE_BOX,         /* half extents `half` */
+    PERI_SHAPE_BALL,        /* radius */
+    PERI_SHAPE_CYLINDER,    /* radius, half_length along z */
+    PERI_SHAPE_CAPSULE,     /* radius, half_length of its straight part along z */
+    PERI_SHAPE_MESH,        /* closed triangle mesh (sampling only) */
+    PERI_SHAPE_DISTANCE     /* user's signed distance */
+} peri_shape_kind;
+
+/* Signed distance (m, negative inside) at p and, when gradient is not NULL, its unit gradient. Outside it may be a
+   lower bound of the distance. */
+typedef peri_real peri_distance(peri_vec3 p, peri_vec3 *gradient, void *context);
+
+/* A solid about its own origin. Make one by the functions of section 4. */
+typedef struct peri_shape {
+    peri_shape_kind kind;
+    peri_vec3 half;
+    peri_real radius, half_length;
+    const peri_real *vertices;      /* mesh: 3 vertex_count, m */
+    const int *triangles;           /* mesh: 3 triangle_count, outward counter-clockwise */
+    int vertex_count, triangle_count;
+    peri_distance *distance;
+    void *context;
+    peri_vec3 lower, upper;         /* user's distance: bounds of the solid */
+} peri_shape;
+
+typedef struct peri_collider_def {
+    uint32_t cookie;
+    peri_shape shape;               /* a plane by default; any but a mesh */
+    peri_vec3 position;             /* m */
+    peri_quat rotation;             /* unit; identity */
+    peri_vec3 velocity, spin;       /* m/s, rad/s: the pose moves by these during every step */
+    peri_friction type;             /* PERI_FRICTION_COULOMB */
+    peri_real friction;             /* 0 to 10; 0.5 */
+} peri_collider_def;
+
+PERI_DEF peri_collider_def peri_default_collider_def(void);
+PERI_DEF peri_collider_id peri_collider_create(peri_world *world, const peri_collider_def *def);
+PERI_DEF peri_result peri_collider_destroy(peri_world *world, peri_collider_id collider);
+
+/* Puts a collider somewhere (teleports) and sets how it moves from there. For a rigid body of a game: call it every
+   frame with that body's pose and velocity. */
+PERI_DEF peri_result peri_collider_set_pose(peri_world *world, peri_collider_id collider, peri_vec3 position,
+                                            peri_quat rotation);
+PERI_DEF peri_result peri_collider_set_velocity(peri_world *world, peri_collider_id collider, peri_vec3 velocity,
+                                                peri_vec3 spin);
+PERI_DEF peri_result peri_collider_pose(const peri_world *world, peri_collider_id collider, peri_vec3 *position,
+                                        peri_quat *rotation);
+
+/* Impulse (N s) that the particles gave to the collider in the last step, and its moment about the collider's position
+   (N m s): apply both to the game's rigid body. */
+PERI_DEF peri_result peri_collider_impulse(const peri_world *world, peri_collider_id collider, peri_vec3 *linear,
+                                           peri_vec3 *angular);
+
+/* ---- 4  shapes and sampling -------------------------------------------------------------------------------------- */
+
+PERI_DEF peri_shape peri_shape_plane(void);
+PERI_DEF peri_shape peri_shape_box(peri_real half_x, peri_real half_y, peri_real half_z);
+PERI_DEF peri_shape peri_shape_ball(peri_real radius);
+PERI_DEF peri_shape peri_shape_cylinder(peri_real radius, peri_real half_length);
+PERI_DEF peri_shape peri_shape_capsule(peri_real radius, peri_real half_length);
+PERI_DEF peri_shape peri_shape_mesh(const peri_real *vertices, int vertex_count, const int *triangles,
+                                    int triangle_count);
+PERI_DEF peri_shape peri_shape_distance(peri_distance *distance, void *context, peri_vec3 lower, peri_vec3 upper);
+
+/* Signed distance of a point to a shape and its unit gradient (may be NULL). Not for meshes. */
+PERI_DEF peri_real peri_shape_evaluate(const peri_shape *shape, peri_vec3 p, peri_vec3 *gradient);
+
+#ifndef PERI_NO_SAMPLING
+/* Cubic lattice of the given spacing inside a shape: cell centres, symmetric about the middle of its bounds, x running
+   fastest. Call twice: points NULL counts into *count; then points (3 capacity reals) is filled. A mesh counts as
+   inside where its winding number, averaged over six directions, is above one half: self-overlaps and small holes do no
+   harm; a hole wider than a tenth of the mesh is refused with its place and size (PERI_ERROR_GEOMETRY). memory (NULL:
+   realloc and free) is used for meshes only. */
+PERI_DEF peri_result peri_sample_with(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
+                                      int *count, const peri_allocator *memory, peri_error *err);
+PERI_DEF peri_result peri_sample(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
+                                 int *count, peri_error *err);
+#endif
+
+/* ---- 5  skins ---------------------------------------------------------------------------------------------------- */
+#ifndef PERI_NO_SKINNING
+
+/* Binds the vertices of a fine mesh, given in the coordinates of the body's points (peri_body_def.points), to the
+   particles around them; triangles (3 triangle_count; may be NULL) are for the normals. Vertices further than 4
+   spacings from every particle are refused. Follows affine motion exactly, to rounding. */
+PERI_DEF peri_skin_id peri_skin_create(peri_world *world, peri_body_id body, const peri_real *vertices,
+                                       int vertex_count, const int *triangles, int triangle_count);
+PERI_DEF peri_result peri_skin_destroy(peri_world *world, peri_skin_id skin);
+
+/* Present positions (3 vertex_count, m) and, when normals is not NULL, unit normals of the skin. */
+PERI_DEF peri_result peri_skin_update(peri_world *world, peri_skin_id skin, peri_real *positions, peri_real *normals);
+
+#endif
+
+/* ---- 6  looking: values, statistics, debug drawing --------------------------------------------------------------- */
+
+typedef enum peri_value {
+    PERI_VALUE_STRETCH,     /* largest |tau - 1| of a particle's bonds */
+    PERI_VALUE_STRESS,      /* von Mises equivalent of the Cauchy stress, Pa */
+    PERI_VALUE_ENERGY,      /* energy density, J/m^3 */
+    PERI_VALUE_DAMAGE,      /* share of broken bonds, 0 to 1 */
+    PERI_VALUE_SPEED        /* m/s */
+} peri_value;
+
+/* One value per particle (count reals, out). */
+PERI_DEF peri_result peri_body_values(peri_world *world, peri_body_id body, peri_value value, peri_real *out);
+
+/* Cauchy stress of every particle (6 count, Voigt order, Pa, out): the virial of the particle's own energy, exact under
+   affine deformation in the correspondence model. */
+PERI_DEF peri_result peri_body_stress(peri_world *world, peri_body_id body, peri_real *out);
+
+/* Least squares deformation gradient Fbar of every particle (9 count, rows, out). */
+PERI_DEF peri_result peri_body_gradient(peri_world *world, peri_body_id body, peri_real *out);
+
+typedef struct peri_profile {       /* milliseconds of the last step */
+    double begin, families, solve, constrain, flow, commit, total;
+    double local, global, search;   /* parts of solve: forces, matrix, the rest */
+    double factor;                  /* part of begin: matrices and factors made anew */
+} peri_profile;
+
+typedef struct peri_stats {
+    int bodies, particles, bonds, colliders, contacts, skins;
+    int iterations;             /* of the last step: most of any body */
+    int evaluations;            /* force evaluations of the last step: most of any body */
+    int converged;              /* 0 when a body of the last step met max_iterations */
+    double correction;          /* last correction of the last step, m: largest of any body */
+    double residual;            /* rms unbalanced force per particle at the end of the last step, N: largest */
+    int singular;               /* particles whose bonds cannot hold a tensor: they use the stretch model */
+    int unhealthy;              /* particles being pulled back to shape in the last step */
+    int factors;                /* matrices factorised since creation */
+    int undone;                 /* steps that failed and were undone */
+    size_t bytes, bytes_peak;   /* held now, and at most */
+    size_t allocations;         /* calls of the memory hook that asked for bytes, since creation */
+    size_t factor_bytes;        /* held by factors */
+    peri_profile profile;
+} peri_stats;
+
+PERI_DEF peri_stats peri_world_stats(const peri_world *world);
+
+#ifndef PERI_NO_DRAW
+/* Debug drawing: called for every particle and every bond (each pair once), with t the chosen value mapped to 0 .. 1
+   over [low, high]. Either callback may be NULL. */
+typedef struct peri_draw {
+    void (*point)(peri_vec3 p, peri_real radius, peri_real t, void *user);
+    void (*line)(peri_vec3 a, peri_vec3 b, peri_real t, void *user);
+    peri_value value;
+    peri_real low, high;
+    void *user;
+} peri_draw;
+
+PERI_DEF peri_result peri_world_draw(peri_world *world, const peri_draw *draw);
+#endif
+
+#endif /* PERI_H */
+/* Stop here if you only want the API. */
+
+#ifdef PERI_IMPLEMENTATION
+#ifndef PERI_IMPLEMENTED
+#define PERI_IMPLEMENTED
+
+#include <math.h>
+#include <string.h>
+#include <time.h>
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+/* ---- implementation 1: the world's parts -------------------------------------------------------------------------- */
+
+#define PERI__GRAIN 256         /* particles in a piece of a parallel loop; fixed, so that results do not depend on it */
+#define PERI__HORIZON_MAX 6
+#define PERI__GENERATION(id) ((id).generation)
+
+/* Things with ids live in slots; every one begins with this. */
+typedef struct peri__slot {
+    uint32_t generation;
+    int used;
+} peri__slot;
+
+typedef struct peri__slots {
+    char *data;
+    size_t element;     /* bytes of one */
+    int capacity, limit, count;
+    const char *name;
+} peri__slots;
+
+enum { PERI__FIXED = 1, PERI__MOVED = 2, PERI__SINGULAR = 4, PERI__FLAT = 8 };  /* flags of a particle */
+
+typedef struct peri__body {
+    peri__slot slot;
+    int first, count;           /* its range in the world's particle arrays */
+    int material;
+    peri__matter matter;
+    peri__bonds bonds;          /* points into block; mode and special are set by peri__view */
+    void *block;
+    size_t block_bytes;
+    int *row, *col;             /* the same arrays, writable while they are made */
+    peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment;
+    peri_real *points;          /* reference positions as they were given */
+    peri_real *value, *diagonal, *stiffness;    /* of the matrix; stiffness: sum of a row's bonds */
+    peri_quat rotation;         /* of the definition: points to world, for skins */
+    peri_vec3 position;
+    double spacing, horizon, radius, mass;
+    int partial_volume;
+    int fixed, singular, unhealthy, touching;
+    int steps;                  /* since the last break of its history: BDF2 needs one */
+    double step_before;         /* dt of the last step, for BDF2 with changing steps */
+    double matrix_h;            /* the step that the matrix was made for; 0: must be made */
+#ifndef PERI_NO_CHOLESKY
+    peri_cholesky *factor;
+#endif
+    peri_solver solver;         /* what AUTO became */
+    double chebyshev_low;
+} peri__body;
+
+typedef struct peri__collider {
+    peri__slot slot;
+    peri_collider_def def;
+    double position[3], rotation[9];        /* at the start of the step */
+    double position1[3], rotation1[9];      /* at its end */
+    peri_quat quat, quat1;
+    double linear[3], angular[3];           /* impulse of the last step */
+} peri__collider;
+
+/* A particle near a collider. Kept from step to step while it touches: friction remembers where it holds. */
+typedef struct peri__contact {
+    int body, collider, particle, touching;
+    double anchor[3];       /* where friction holds the particle, in the collider's frame */
+    double force[3];        /* on the particle, N */
+    double normal[3], pressure, stiffness, energy;
+} peri__contact;
+
+/* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
+enum {
+    PERI__WANT_STATE = 1, PERI__WANT_SOLVE = 2, PERI__WANT_LBFGS = 4, PERI__WANT_CHEBYSHEV = 8, PERI__WANT_HISTORY = 16,
+    PERI__WANT_FORCE = 32, PERI__WANT_AIM = 64, PERI__WANT_SPECIAL = 128
+};
+#define PERI__ROWS 24
+
+struct peri_world {
+    peri_world_def def;
+    peri_error error;
+    void *buffer;               /* the caller's, or NULL */
+    struct peri__free *heap;    /* free blocks of the buffer */
+    peri__slots bodies, materials, colliders, skins;
+    int particles, capacity;    /* of the particle arrays */
+    int bonds;
+    unsigned wants;
+    size_t row_bytes[PERI__ROWS];   /* held by each array */
+    int stride;                 /* reals of coef per particle */
+    double *x, *x0, *star, *base, *back, *aim, *partial;
+    peri_real *v, *v0, *out, *mass, *force, *g, *g1, *p, *change, *coef, *history, *work, *special;
+    unsigned char *flags, *mode;
+    peri__contact *contacts, *contacts_before;
+    int contact_count, contact_before_count, contact_capacity, contact_before_capacity;
+    double dt;                  /* of the step under way */
+    peri_stats stats;
+};
+
+/* The table of particle arrays: where, bytes per particle, who wants it. */
+static int peri__particle_rows(peri_world *w, void ***array, size_t *bytes, unsigned *want) {
+    size_t d3 = 3 * sizeof(double), r3 = 3 * sizeof(peri_real), r = sizeof(peri_real);
+    int n = 0;
+#define PERI__ROW(field, size, who) \
+    (array[n] = (void **)(void *)&w->field, bytes[n] = (size), want[n] = (unsigned)(who), n++)
+    PERI__ROW(x, d3, PERI__WANT_STATE);
+    PERI__ROW(x0, d3, PERI__WANT_STATE);
+    PERI__ROW(v, r3, PERI__WANT_STATE);
+    PERI__ROW(v0, r3, PERI__WANT_STATE);
+    PERI__ROW(out, r3, PERI__WANT_STATE);
+    PERI__ROW(mass, r, PERI__WANT_STATE);
+    PERI__ROW(flags, 1, PERI__WANT_STATE);
+    PERI__ROW(mode, 1, PERI__WANT_STATE);
+    PERI__ROW(back, d3, PERI__WANT_HISTORY);
+    PERI__ROW(aim, d3, PERI__WANT_AIM);
+    PERI__ROW(force, r3, PERI__WANT_FORCE);
+    PERI__ROW(special, 9 * r, PERI__WANT_SPECIAL);
+    PERI__ROW(star, d3, PERI__WANT_SOLVE);
+    PERI__ROW(base, d3, PERI__WANT_SOLVE);
+    PERI__ROW(g, r3, PERI__WANT_SOLVE);
+    PERI__ROW(g1, r3, PERI__WANT_SOLVE);
+    PERI__ROW(p, r3, PERI__WANT_SOLVE);
+    PERI__ROW(change, r3, PERI__WANT_SOLVE);
+    PERI__ROW(coef, (size_t)w->stride * r, PERI__WANT_SOLVE);
+    PERI__ROW(partial, sizeof(double), PERI__WANT_SOLVE);
+    PERI__ROW(work, (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * r, PERI__WANT_SOLVE);
+    PERI__ROW(history, 2 * (size_t)w->def.lbfgs * r3, PERI__WANT_LBFGS);
+#undef PERI__ROW
+    return n;
+}
+
+static peri_result peri__report(peri_world *w, peri_result result) {
+    if (result && w->def.log) w->def.log(w->error.text, w->def.user);
+    return result;
+}
+
+static double peri__clock(const peri_world *w) {
+    if (w->def.clock) return w->def.clock(w->def.user);
+#ifdef _OPENMP
+    return omp_get_wtime();
+#else
+    return (double)clock() / CLOCKS_PER_SEC;
+#endif
+}
+
+/* ---- implementation 2: memory ------------------------------------------------------------------------------------ */
+
+/* Free blocks of a caller's buffer, in order of address; neighbours are merged. First fit. */
+typedef struct peri__free {
+    size_t bytes;
+    struct peri__free *next;
+} peri__free;
+
+#define PERI__UNIT ((size_t)32)
+
+static size_t peri__round_up(size_t bytes) { return (bytes + PERI__UNIT - 1) / PERI__UNIT * PERI__UNIT; }
+
+static void peri__heap_release(peri_world *w, void *ptr, size_t bytes) {
+    peri__free *block = (peri__free *)ptr, **at = &w->heap;
+    peri__free *before = NULL;
+    while (*at && (char *)*at < (char *)ptr) {
+        before = *at;
+        at = &(*at)->next;
+    }
+    block->bytes = peri__round_up(bytes);
+    block->next = *at;
+    *at = block;
+    if (block->next && (char *)block + block->bytes == (char *)block->next) {
+        block->bytes += block->next->bytes;
+        block->next = block->next->next;
+    }
+    if (before && (char *)before + before->bytes == (char *)block) {
+        before->bytes += block->bytes;
+        before->next = block->next;
+    }
+}
+
+static void *peri__heap_take(peri_world *w, size_t bytes) {
+    peri__free **at;
+    bytes = peri__round_up(bytes);
+    for (at = &w->heap; *at; at = &(*at)->next) {
+        peri__free *block = *at, *rest;
+        if (block->bytes < bytes) continue;
+        if (block->bytes == bytes) {
+            *at = block->next;
+            return block;
+        }
+        rest = (peri__free *)(void *)((char *)block + bytes);
+        rest->bytes = block->bytes - bytes;
+        rest->next = block->next;
+        *at = rest;
+        return block;
+    }
+    return NULL;
+}
+
+/* All memory of a world goes through here: the buffer or the hook, counted. Same contract as peri_allocator. */
+static void *peri__world_resize(void *ptr, size_t old_bytes, size_t new_bytes, void *user) {
+    peri_world *w = (peri_world *)user;
+    void *result;
+    if (!ptr) old_bytes = 0;
+    if (w->buffer) {
+        result = new_bytes ? peri__heap_take(w, new_bytes) : NULL;
+        if (new_bytes && !result) return NULL;
+        if (result && ptr) memcpy(result, ptr, old_bytes < new_bytes ? old_bytes : new_bytes);
+        if (ptr) peri__heap_release(w, ptr, old_bytes);
+    } else {
+        result = peri__resize(&w->def.memory, ptr, old_bytes, new_bytes);
+        if (new_bytes && !result) return NULL;
+    }
+    w->stats.allocations += new_bytes > 0;
+    w->stats.bytes += new_bytes;
+    w->stats.bytes -= old_bytes;
+    if (w->stats.bytes > w->stats.bytes_peak) w->stats.bytes_peak = w->stats.bytes;
+    return result;
+}
+
+static peri_allocator peri__memory(peri_world *w) {
+    peri_allocator a;
+    a.resize = peri__world_resize;
+    a.user = w;
+    return a;
+}
+
+static peri_result peri__no_memory(peri_world *w, size_t bytes) {
+    return peri__fail(&w->error, PERI_ERROR_MEMORY, "%zu bytes were refused by the %s: %s", bytes,
+                      w->buffer ? "buffer" : "allocator",
+                      w->buffer ? "raise the limits or spare_bytes of the world's definition" : "memory is full");
+}
+
+/* Grows *array, of `old` things of `size` bytes, to `now` things; new ones are zero. */
+static peri_result peri__grow(peri_world *w, void **array, size_t old, size_t now, size_t size) {
+    size_t bytes;
+    void *p;
+    if (!peri__mul_size(now, size, &bytes)) return peri__fail(&w->error, PERI_ERROR_LIMIT, "an array passes size_t");
+    p = peri__world_resize(*array, old * size, bytes, w);
+    if (!p && bytes) return peri__no_memory(w, bytes);
+    if (now > old) memset((char *)p + old * size, 0, (now - old) * size);
+    *array = p;
+    return PERI_OK;
+}
+
+/* Makes the wanted particle arrays hold `particles`. What exists is kept; on failure nothing is lost. */
+static peri_result peri__reserve(peri_world *w, int particles, unsigned wants, int stride) {
+    void **array[PERI__ROWS + 1];
+    size_t bytes[PERI__ROWS + 1];
+    unsigned want[PERI__ROWS + 1];
+    int n, k, capacity = w->capacity;
+    if (particles > capacity) {
+        capacity += capacity / 2;
+        if (capacity < particles) capacity = particles;
+        if (capacity > w->def.max_particles) capacity = w->def.max_particles;
+    }
+    w->wants |= wants;
+    if (stride > w->stride) w->stride = stride;
+    n = peri__particle_rows(w, array, bytes, want);
+    for (k = 0; k < n; k++) {
+        size_t held = w->row_bytes[k], need;
+        peri_result bad;
+        if (!(want[k] & w->wants)) continue;
+        if (!peri__mul_size((size_t)capacity, bytes[k], &need))
+            return peri__fail(&w->error, PERI_ERROR_LIMIT, "%d particles pass size_t", capacity);
+        if (need <= held) continue;
+        bad = peri__grow(w, array[k], held, need, 1);
+        if (bad) return bad;
+        w->row_bytes[k] = need;
+    }
+    w->capacity = capacity;
+    return PERI_OK;
+}
+
+/* A free slot (zeroed but for its generation), or NULL with the error set. */
+static peri__slot *peri__slot_take(peri_world *w, peri__slots *s) {
+    peri__slot *slot;
+    int k;
+    for (k = 0; k < s->capacity; k++)
+        if (!((peri__slot *)(void *)(s->data + (size_t)k * s->element))->used) break;
+    if (k >= s->limit) {
+        peri__fail(&w->error, PERI_ERROR_LIMIT, "the world already has %d %s: raise max_%s of its definition", s->limit,
+                   s->name, s->name);
+        return NULL;
+    }
+    if (k == s->capacity) {
+        int now = s->capacity ? 2 * s->capacity : 8;
+        void *data = s->data;
+        if (now > s->limit) now = s->limit;
+        if (peri__grow(w, &data, (size_t)s->capacity, (size_t)now, s->element)) return NULL;
+        s->data = (char *)data;
+        s->capacity = now;
+    }
+    slot = (peri__slot *)(void *)(s->data + (size_t)k * s->element);
+    return slot;
+}
+
+static uint32_t peri__slot_use(peri__slots *s, peri__slot *slot) {
+    slot->used = 1;
+    slot->generation++;
+    s->count++;
+    return (uint32_t)(((char *)slot - s->data) / (ptrdiff_t)s->element) + 1;
+}
+
+static void peri__slot_free(peri__slots *s, peri__slot *slot) {
+    uint32_t generation = slot->generation;
+    memset(slot, 0, s->element);
+    slot->generation = generation;
+    s->count--;
+}
+
+static peri__slot *peri__slot_at(const peri__slots *s, int k) {
+    peri__slot *slot;
+    if (k < 0 || k >= s->capacity) return NULL;
+    slot = (peri__slot *)(void *)(s->data + (size_t)k * s->element);
+    return slot->used ? slot : NULL;
+}
+
+static peri__slot *peri__slot_find(const peri__slots *s, uint32_t index1, uint32_t generation) {
+    peri__slot *slot = index1 ? peri__slot_at(s, (int)(index1 - 1)) : NULL;
+    return slot && slot->generation == generation ? slot : NULL;
+}
+
+static peri__body *peri__body_at(const peri_world *w, int k) { return (peri__body *)(void *)peri__slot_at(&w->bodies, k); }
+
+static peri__body *peri__body_find(const peri_world *w, peri_body_id id) {
+    return w ? (peri__body *)(void *)peri__slot_find(&w->bodies, id.index1, id.generation) : NULL;
+}
+
+static peri_result peri__no_body(peri_world *w, peri_body_id id) {
+    if (!w) return PERI_ERROR_ARGUMENT;
+    return peri__report(w, peri__fail(&w->error, PERI_ERROR_ID, "body (%u, %u) does not exist in this world",
+                                      (unsigned)id.index1, (unsigned)id.generation));
+}
+
+/* ---- shapes ------------------------------------------------------------------------------------------------------ */
+
+#define PERI__MESH_TRIANGLES (1 << 28)  /* most triangles of a mesh: three edges each must be counted in an int */
+
+static peri_shape peri__shape_of(peri_shape_kind kind) {
+    peri_shape s;
+    memset(&s, 0, sizeof s);
+    s.kind = kind;
+    return s;
+}
+
+peri_shape peri_shape_plane(void) { return peri__shape_of(PERI_SHAPE_PLANE); }
+
+peri_shape peri_shape_box(peri_real half_x, peri_real half_y, peri_real half_z) {
+    peri_shape s = peri__shape_of(PERI_SHAPE_BOX);
+    s.half.x = half_x;
+    s.half.y = half_y;
+    s.half.z = half_z;
+    return s;
+}
+
+peri_shape peri_shape_ball(peri_real radius) {
+    peri_shape s = peri__shape_of(PERI_SHAPE_BALL);
+    s.radius = radius;
+    return s;
+}
+
+peri_shape peri_shape_cylinder(peri_real radius, peri_real half_length) {
+    peri_shape s = peri__shape_of(PERI_SHAPE_CYLINDER);
+    s.radius = radius;
+    s.half_length = half_length;
+    return s;
+}
+
+peri_shape peri_shape_capsule(peri_real radius, peri_real half_length) {
+    peri_shape s = peri__shape_of(PERI_SHAPE_CAPSULE);
+    s.radius = radius;
+    s.half_length = half_length;
+    return s;
+}
+
+peri_shape peri_shape_mesh(const peri_real *vertices, int vertex_count, const int *triangles,
+                           int triangle_count) {
+    peri_shape s = peri__shape_of(PERI_SHAPE_MESH);
+    s.vertices = vertices;
+    s.vertex_count = vertex_count;
+    s.triangles = triangles;
+    s.triangle_count = triangle_count;
+    return s;
+}
+
+peri_shape peri_shape_distance(peri_distance *distance, void *context, peri_vec3 lower, peri_vec3 upper) {
+    peri_shape s = peri__shape_of(PERI_SHAPE_DISTANCE);
+    s.distance = distance;
+    s.context = context;
+    s.lower = lower;
+    s.upper = upper;
+    return s;
+}
+
+/* Writes the gradient when it is asked for and passes the distance on. */
+static peri_real peri__shape_answer(double distance, double x, double y, double z, peri_vec3 *gradient) {
+    if (gradient) {
+        gradient->x = (peri_real)x;
+        gradient->y = (peri_real)y;
+        gradient->z = (peri_real)z;
+    }
+    return (peri_real)distance;
+}
+
+/* Distance of p to the box |p[i]| <= half[i] in `dims` dimensions, and its unit gradient g. Inside, the nearest face
+   decides (the first of equally near ones); on a middle plane the positive face does, so g is always definite. */
+static double peri__shape_corner(int dims, const double *p, const double *half, double *g) {
+    double q, length, sum = 0, nearest = 0;
+    int i, axis = 0;
+    for (i = 0; i < dims; i++) {
+        q = fabs(p[i]) - half[i];
+        if (i == 0 || q > nearest) {
+            nearest = q;
+            axis = i;
+        }
+        g[i] = q > 0 ? q : 0;
+        sum += g[i] * g[i];
+    }
+    if (sum > 0) {
+        length = sqrt(sum);
+        for (i = 0; i < dims; i++) g[i] = (p[i] < 0 ? -g[i] : g[i]) / length;
+        return length;
+    }
+    for (i = 0; i < dims; i++) g[i] = 0;
+    g[axis] = p[axis] < 0 ? -1 : 1;
+    return nearest;
+}
+
+/* Distance to the ball of `radius` about the origin; at the centre the gradient is (gx, 0, gz) as given. */
+static peri_real peri__shape_round(const double p[3], double radius, double gx, double gz, peri_vec3 *gradient) {
+    double length = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    if (!(length > 1e-140)) return peri__shape_answer(-radius, gx, 0, gz, gradient); /* squares lose bits below */
+    return peri__shape_answer(length - radius, p[0] / length, p[1] / length, p[2] / length, gradient);
+}
+
+peri_real peri_shape_evaluate(const peri_shape *shape, peri_vec3 point, peri_vec3 *gradient) {
+    double p[3], half[3], g[3], r, along, distance;
+    if (gradient) (void)peri__shape_answer(0, 0, 0, 1, gradient);
+    if (!shape) return 0;
+    p[0] = (double)point.x;
+    p[1] = (double)point.y;
+    p[2] = (double)point.z;
+    half[0] = (double)shape->half.x;
+    half[1] = (double)shape->half.y;
+    half[2] = (double)shape->half.z;
+    switch (shape->kind) {
+    case PERI_SHAPE_PLANE: return point.z;
+    case PERI_SHAPE_BOX:
+        distance = peri__shape_corner(3, p, half, g);
+        return peri__shape_answer(distance, g[0], g[1], g[2], gradient);
+    case PERI_SHAPE_BALL: return peri__shape_round(p, (double)shape->radius, 0, 1, gradient);
+    case PERI_SHAPE_CYLINDER: /* a rectangle in the half plane through the axis and the point */
+        r = sqrt(p[0] * p[0] + p[1] * p[1]);
+        along = r > 1e-140 ? p[0] / r : 1;
+        half[2] = r > 1e-140 ? p[1] / r : 0;
+        p[0] = r;
+        p[1] = p[2];
+        half[0] = (double)shape->radius;
+        half[1] = (double)shape->half_length;
+        distance = peri__shape_corner(2, p, half, g);
+        return peri__shape_answer(distance, g[0] * along, g[0] * half[2], g[1], gradient);
+    case PERI_SHAPE_CAPSULE: /* a ball about the nearest point of the axis */
+        along = (double)shape->half_length;
+        p[2] -= p[2] > along ? along : p[2] < -along ? -along : p[2];
+        return peri__shape_round(p, (double)shape->radius, 1, 0, gradient);
+    case PERI_SHAPE_DISTANCE: return shape->distance ? shape->distance(point, gradient, shape->context) : 0;
+    default: return 0;
+    }
+}
+
+/* One length of a shape: finite and above zero (zero_ok: or zero). */
+static peri_result peri__shape_length(const char *name, peri_real value, int zero_ok, peri_error *err) {
+    double x = (double)value;
+    if (peri__finite(x) && (x > 0 || (zero_ok && x >= 0))) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_VALUE, "shape.%s is %g m; it must be finite and %s 0", name, x,
+                      zero_ok ? "at least" : "above");
+}
+
+static peri_result peri__shape_check_mesh(const peri_shape *s, peri_error *err) {
+    int i;
+    if (!s->vertices || !s->triangles)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "shape.%s of a mesh is NULL",
+                          s->vertices ? "triangles" : "vertices");
+    if (s->vertex_count < 3)
+        return peri__fail(err, PERI_ERROR_VALUE, "shape.vertex_count is %d; a mesh has at least 3", s->vertex_count);
+    if (s->triangle_count < 1)
+        return peri__fail(err, PERI_ERROR_VALUE, "shape.triangle_count is %d; a mesh has at least 1",
+                          s->triangle_count);
+    if (s->triangle_count > PERI__MESH_TRIANGLES)
+        return peri__fail(err, PERI_ERROR_LIMIT, "shape.triangle_count is %d; at most %d are handled",
+                          s->triangle_count, PERI__MESH_TRIANGLES);
+    for (i = 0; i < s->vertex_count; i++) {
+        const peri_real *p = s->vertices + 3 * (size_t)i;
+        if (!peri__finite((double)p[0]) || !peri__finite((double)p[1]) || !peri__finite((double)p[2]))
+            return peri__fail(err, PERI_ERROR_VALUE, "vertex %d of the mesh is (%g, %g, %g); it must be finite", i,
+                              (double)p[0], (double)p[1], (double)p[2]);
+    }
+    for (i = 0; i < 3 * s->triangle_count; i++)
+        if (s->triangles[i] < 0 || s->triangles[i] >= s->vertex_count)
+            return peri__fail(err, PERI_ERROR_INDEX, "triangle %d of the mesh uses vertex %d; there are %d", i / 3,
+                              s->triangles[i], s->vertex_count);
+    return PERI_OK;
+}
+
+static peri_result peri__shape_check_distance(const peri_shape *s, int as_collider, peri_error *err) {
+    double low[3], high[3];
+    int i;
+    if (!s->distance) return peri__fail(err, PERI_ERROR_ARGUMENT, "shape.distance is NULL");
+    if (as_collider) return PERI_OK; /* the bounds are for sampling only */
+    low[0] = (double)s->lower.x;
+    low[1] = (double)s->lower.y;
+    low[2] = (double)s->lower.z;
+    high[0] = (double)s->upper.x;
+    high[1] = (double)s->upper.y;
+    high[2] = (double)s->upper.z;
+    for (i = 0; i < 3; i++)
+        if (!peri__finite(low[i]) || !peri__finite(high[i]) || !(low[i] < high[i]))
+            return peri__fail(err, PERI_ERROR_VALUE,
+                              "shape.lower.%c is %g and shape.upper.%c is %g; both must be finite, lower below upper",
+                              'x' + i, low[i], 'x' + i, high[i]);
+    return PERI_OK;
+}
+
+/* Refuses what cannot be a collider (as_collider 1) or be sampled (0). */
+static peri_result peri__shape_check(const peri_shape *s, int as_collider, peri_error *err) {
+    peri_result r = PERI_OK;
+    if (!s) return peri__fail(err, PERI_ERROR_ARGUMENT, "shape is NULL");
+    switch (s->kind) {
+    case PERI_SHAPE_PLANE:
+        if (as_collider) return PERI_OK;
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "shape is a plane, which has no bounds to sample; take a box");
+    case PERI_SHAPE_BOX:
+        r = peri__shape_length("half.x", s->half.x, 0, err);
+        if (!r) r = peri__shape_length("half.y", s->half.y, 0, err);
+        if (!r) r = peri__shape_length("half.z", s->half.z, 0, err);
+        return r;
+    case PERI_SHAPE_BALL: return peri__shape_length("radius", s->radius, 0, err);
+    case PERI_SHAPE_CYLINDER: /* a capsule of half_length 0 is a ball, a cylinder would be flat */
+    case PERI_SHAPE_CAPSULE:
+        r = peri__shape_length("radius", s->radius, 0, err);
+        if (!r) r = peri__shape_length("half_length", s->half_length, s->kind == PERI_SHAPE_CAPSULE, err);
+        return r;
+    case PERI_SHAPE_MESH:
+        if (!as_collider) return peri__shape_check_mesh(s, err);
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "shape is a mesh, which cannot be a collider; give its signed distance by "
+                          "peri_shape_distance instead");
+    case PERI_SHAPE_DISTANCE: return peri__shape_check_distance(s, as_collider, err);
+    default: return peri__fail(err, PERI_ERROR_ARGUMENT, "shape.kind is %d, which is no shape", (int)s->kind);
+    }
+}
+
+/* ---- sampling ---------------------------------------------------------------------------------------------------- */
+#ifndef PERI_NO_SAMPLING
+
+/* Cell centres: n[a] of them along axis a, d apart, symmetric about middle[a]. */
+typedef struct peri__lattice {
+    double middle[3], d;
+    int n[3];
+} peri__lattice;
+
+static double peri__lattice_at(const peri__lattice *l, int axis, int i) {
+    return l->middle[axis] + (i - 0.5 * (l->n[axis] - 1)) * l->d;
+}
+
+/* Number of centres below x along an axis. The guess may be one off by rounding; the comparisons make it exact. */
+static int peri__lattice_below(const peri__lattice *l, int axis, double x) {
+    double guess = floor((x - l->middle[axis]) / l->d + 0.5 * (l->n[axis] - 1));
+    int n = l->n[axis], i = 0;
+    if (guess >= n) i = n;
+    else if (guess > 0) i = (int)guess;
+    while (i > 0 && peri__lattice_at(l, axis, i - 1) >= x) i--;
+    while (i < n && peri__lattice_at(l, axis, i) < x) i++;
+    return i;
+}
+
+/* round(L/d) cells along each axis. No margin is needed: the next centre beyond either end would be at least d/4
+   outside the bounds, since (n + 1) d / 2 >= L/2 + d/4; and no centre is outside, since (n - 1) d / 2 <= L/2 - d/4. */
+static peri_result peri__lattice_make(const double lower[3], const double upper[3], double d, peri__lattice *l,
+                                      peri_error *err) {
+    double n, cells = 1;
+    int a, fits = 1;
+    l->d = d;
+    for (a = 0; a < 3; a++) {
+        l->middle[a] = 0.5 * lower[a] + 0.5 * upper[a];
+        n = floor((upper[a] - lower[a]) / d + 0.5);
+        if (!(n > 1)) n = 1;
+        cells *= n;
+        if (n <= 2147483647.0) l->n[a] = (int)n;
+        else fits = 0;
+    }
+    if (fits && cells <= 1099511627776.0) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_LIMIT, "spacing %g m asks for a lattice of %.3g cells, the limit is 2^40; "
+                      "take a larger one", d, cells);
+}
+
+/* What was found so far. Everything is counted, what fits is written. */
+typedef struct peri__sample {
+    peri_real *points;
+    int capacity, count;
+} peri__sample;
+
+/* Takes one point; 0 when int cannot count it. */
+static int peri__sample_take(peri__sample *out, peri_vec3 p) {
+    if (out->count == 2147483647) return 0;
+    if (out->points && out->count < out->capacity) {
+        peri_real *to = out->points + 3 * (size_t)out->count;
+        to[0] = p.x;
+        to[1] = p.y;
+        to[2] = p.z;
+    }
+    out->count++;
+    return 1;
+}
+
+static peri_result peri__sample_full(double d, peri_error *err) {
+    return peri__fail(err, PERI_ERROR_LIMIT, "spacing %g m gives 2^31 points or more; take a larger one", d);
+}
+
+static peri_vec3 peri__lattice_point(const peri__lattice *l, int i, int j, int k) {
+    peri_vec3 p;
+    p.x = (peri_real)peri__lattice_at(l, 0, i);
+    p.y = (peri_real)peri__lattice_at(l, 1, j);
+    p.z = (peri_real)peri__lattice_at(l, 2, k);
+    return p;
+}
+
+static void peri__shape_bounds(const peri_shape *s, double lower[3], double upper[3]) {
+    double r = (double)s->radius, h = (double)s->half_length;
+    int a;
+    upper[0] = upper[1] = upper[2] = r;
+    if (s->kind == PERI_SHAPE_CYLINDER) upper[2] = h;
+    if (s->kind == PERI_SHAPE_CAPSULE) upper[2] = h + r;
+    if (s->kind == PERI_SHAPE_BOX) {
+        upper[0] = (double)s->half.x;
+        upper[1] = (double)s->half.y;
+        upper[2] = (double)s->half.z;
+    }
+    for (a = 0; a < 3; a++) lower[a] = -upper[a];
+    if (s->kind != PERI_SHAPE_DISTANCE) return;
+    lower[0] = (double)s->lower.x;
+    lower[1] = (double)s->lower.y;
+    lower[2] = (double)s->lower.z;
+    upper[0] = (double)s->upper.x;
+    upper[1] = (double)s->upper.y;
+    upper[2] = (double)s->upper.z;
+}
+
+/* Cells of every shape that has a signed distance. */
+static peri_result peri__sample_distance(const peri_shape *s, const peri__lattice *l, peri__sample *out,
+                                         peri_error *err) {
+    int i, j, k;
+    for (k = 0; k < l->n[2]; k++)
+        for (j = 0; j < l->n[1]; j++)
+            for (i = 0; i < l->n[0]; i++) {
+                peri_vec3 p = peri__lattice_point(l, i, j, k);
+                peri_real distance = peri_shape_evaluate(s, p, NULL);
+                if (!peri__finite((double)distance))
+                    return peri__fail(err, PERI_ERROR_VALUE, "the signed distance at (%g, %g, %g) is %g", (double)p.x,
+                                      (double)p.y, (double)p.z, (double)distance);
+                if (distance < 0 && !peri__sample_take(out, p)) return peri__sample_full(l->d, err);
+            }
+    return PERI_OK;
+}
+
+/* A mesh being sampled. Its int arrays lie in one block. */
+typedef struct peri__mesh {
+    const peri_shape *shape;
+    double lower[3], upper[3], diagonal;    /* of the vertices that triangles use */
+    int vertices, edges;                    /* directed edges: e = 3 t + c runs from corner c of triangle t */
+    int turned;                             /* 1, or -1 for an inside-out mesh: its volume comes out negative */
+    int *weld;                              /* [vertices] the vertex that stands for all at the same place, or -1 */
+    int *link;                              /* [vertices] chains of `table`, then the parents of groups */
+    int *list;                              /* [vertices] vertices on holes, sorted by group */
+    int *count;                             /* [vertices + 1] for counting sort */
+    int *order[2];                          /* [edges] edges in sorted order */
+    int *table;                             /* [table_mask + 1] first vertices of the weld's hash cells, or -1 */
+    unsigned table_mask;
+    void *block;
+    size_t bytes;
+} peri__mesh;
+
+/* Corner c (0, 1, 2) of triangle t: the welded vertex, and its place in p. */
+static int peri__mesh_corner(const peri__mesh *m, int t, int c, double p[3]) {
+    int v = m->weld[m->shape->triangles[3 * (size_t)t + (size_t)c]];
+    const peri_real *from = m->shape->vertices + 3 * (size_t)v;
+    p[0] = (double)from[0];
+    p[1] = (double)from[1];
+    p[2] = (double)from[2];
+    return v;
+}
+
+static void peri__mesh_place(const peri__mesh *m, int vertex, double p[3]) {
+    const peri_real *from = m->shape->vertices + 3 * (size_t)vertex;
+    p[0] = (double)from[0];
+    p[1] = (double)from[1];
+    p[2] = (double)from[2];
+}
+
+static peri_result peri__mesh_bounds(peri__mesh *m, peri_error *err) {
+    double p[3], sum = 0;
+    int a, e;
+    for (e = 0; e < m->edges; e++) {
+        peri__mesh_place(m, m->shape->triangles[e], p);
+        for (a = 0; a < 3; a++) {
+            if (e == 0 || p[a] < m->lower[a]) m->lower[a] = p[a];
+            if (e == 0 || p[a] > m->upper[a]) m->upper[a] = p[a];
+        }
+    }
+    for (a = 0; a < 3; a++) sum += (m->upper[a] - m->lower[a]) * (m->upper[a] - m->lower[a]);
+    m->diagonal = sqrt(sum);
+    if (m->diagonal >= 1e-30 && m->diagonal <= 1e30) return PERI_OK; /* squares and cubes stay in range */
+    return peri__fail(err, PERI_ERROR_VALUE, "the mesh is %g m in size; 1e-30 to 1e30 are handled", m->diagonal);
+}
+
+/* The block: five arrays by vertex (one is longer by one), two by edge, the hash table. */
+static peri_result peri__mesh_allocate(peri__mesh *m, const peri_allocator *memory, peri_error *err) {
+    size_t v = (size_t)m->vertices, e = (size_t)m->edges, table = 16, ints;
+    int *at;
+    while (table < v && table < ((size_t)1 << 30)) table *= 2;
+    m->table_mask = (unsigned)(table - 1);
+    ints = 4 * v + 1 + 2 * e + table;
+    if (4.0 * (double)v + 2.0 * (double)e + (double)table + 1 > (double)(SIZE_MAX / 8) ||
+        !peri__mul_size(ints, sizeof(int), &m->bytes))
+        return peri__fail(err, PERI_ERROR_LIMIT, "a mesh of %d vertices and %d triangles is beyond the address space",
+                          m->vertices, m->edges / 3);
+    m->block = peri__resize(memory, NULL, 0, m->bytes);
+    if (!m->block)
+        return peri__fail(err, PERI_ERROR_MEMORY, "no memory for sampling a mesh of %d triangles (%.0f bytes)",
+                          m->edges / 3, (double)m->bytes);
+    at = (int *)m->block;
+    m->weld = at;
+    m->link = m->weld + v;
+    m->list = m->link + v;
+    m->count = m->list + v;
+    m->order[0] = m->count + v + 1;
+    m->order[1] = m->order[0] + e;
+    m->table = m->order[1] + e;
+    return PERI_OK;
+}
+
+static unsigned peri__mesh_hash(const peri__mesh *m, int i, int j, int k) {
+    uint64_t h = (uint64_t)i * 0x9E3779B97F4A7C15u + (uint64_t)j * 0xC2B2AE3D27D4EB4Fu +
+                 (uint64_t)k * 0x165667B19E3779F9u;
+    h ^= h >> 29;
+    h *= 0xBF58476D1CE4E5B9u; /* finaliser of splitmix64 (Steele, Lea and Flood 2014) */
+    return (unsigned)(h >> 32) & m->table_mask;
+}
+
+/* The vertex within `reach` that stands for vertex v, or v itself, which is then entered into its hash cell. Cells are
+   four reaches wide: one cell holds only so many standing vertices, which bounds the cost whatever the mesh. */
+static int peri__mesh_weld_vertex(peri__mesh *m, int v, double reach) {
+    double p[3], q[3], cell = 4 * reach;
+    int low[3], high[3], a, i, j, k, w;
+    unsigned h;
+    peri__mesh_place(m, v, p);
+    for (a = 0; a < 3; a++) {
+        low[a] = (int)floor((p[a] - m->lower[a] - reach) / cell);
+        high[a] = (int)floor((p[a] - m->lower[a] + reach) / cell);
+    }
+    for (k = low[2]; k <= high[2]; k++)
+        for (j = low[1]; j <= high[1]; j++)
+            for (i = low[0]; i <= high[0]; i++)
+                for (w = m->table[peri__mesh_hash(m, i, j, k)]; w >= 0; w = m->link[w]) {
+                    peri__mesh_place(m, w, q);
+                    for (a = 0; a < 3; a++) q[a] -= p[a];
+                    if (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] <= reach * reach) return w;
+                }
+    for (a = 0; a < 3; a++) low[a] = (int)floor((p[a] - m->lower[a]) / cell);
+    h = peri__mesh_hash(m, low[0], low[1], low[2]);
+    m->link[v] = m->table[h];
+    m->table[h] = v;
+    return v;
+}
+
+/* Joins coincident vertices (within 1e-6 of the diagonal), as exporters split them along seams, and finds out by the
+   sign of the volume whether the mesh is inside out. */
+static void peri__mesh_weld(peri__mesh *m) {
+    double p[3][3], middle[3], volume = 0;
+    size_t i;
+    int e, t, c, a;
+    for (i = 0; i <= m->table_mask; i++) m->table[i] = -1;
+    for (e = 0; e < m->vertices; e++) m->weld[e] = -1;
+    for (e = 0; e < m->edges; e++) {
+        int v = m->shape->triangles[e];
+        if (m->weld[v] < 0) m->weld[v] = peri__mesh_weld_vertex(m, v, 1e-6 * m->diagonal);
+    }
+    for (a = 0; a < 3; a++) middle[a] = 0.5 * m->lower[a] + 0.5 * m->upper[a];
+    for (t = 0; t < m->edges / 3; t++) {
+        for (c = 0; c < 3; c++) {
+            (void)peri__mesh_corner(m, t, c, p[c]);
+            for (a = 0; a < 3; a++) p[c][a] -= middle[a];
+        }
+        volume += p[0][0] * (p[1][1] * p[2][2] - p[1][2] * p[2][1]) +
+                  p[0][1] * (p[1][2] * p[2][0] - p[1][0] * p[2][2]) +
+                  p[0][2] * (p[1][0] * p[2][1] - p[1][1] * p[2][0]);
+    }
+    m->turned = volume < 0 ? -1 : 1;
+}
+
+/* Ends of directed edge e, the smaller first; 1 when it runs from the smaller, -1 from the larger, 0 for a point. */
+static int peri__mesh_edge(const peri__mesh *m, int e, int *low, int *high) {
+    int a = m->weld[m->shape->triangles[e]];
+    int b = m->weld[m->shape->triangles[e % 3 == 2 ? e - 2 : e + 1]];
+    *low = a < b ? a : b;
+    *high = a < b ? b : a;
+    return (a < b) - (a > b);
+}
+
+/* Stable counting sort of the edges by one of their ends. from NULL: edges as they are numbered. */
+static void peri__mesh_sort(peri__mesh *m, const int *from, int *to, int by_high) {
+    int pass, i, e, v, end[2];
+    for (v = 0; v <= m->vertices; v++) m->count[v] = 0;
+    for (pass = 0; pass < 2; pass++) {
+        for (i = 0; i < m->edges; i++) {
+            e = from ? from[i] : i;
+            (void)peri__mesh_edge(m, e, &end[0], &end[1]);
+            v = end[by_high];
+            if (pass) to[m->count[v]++] = e;
+            else m->count[v + 1]++;
+        }
+        if (pass == 0)
+            for (v = 0; v < m->vertices; v++) m->count[v + 1] += m->count[v];
+    }
+}
+
+/* Representative of the group of v, halving the path on the way. */
+static int peri__mesh_root(int *parent, int v) {
+    while (parent[v] != v) {
+        parent[v] = parent[parent[v]];
+        v = parent[v];
+    }
+    return v;
+}
+
+/* Groups the vertices of all edges that are not used equally often in both directions (link: parents, or -1 for a
+   vertex on no such edge), and lists them by group, in the order of their roots: that of root g ends before
+   list[count[g]]. */
+static void peri__mesh_open_edges(peri__mesh *m) {
+    int i, next, e, low, high, l, h, net, v;
+    for (v = 0; v < m->vertices; v++) m->link[v] = -1;
+    peri__mesh_sort(m, NULL, m->order[0], 1);
+    peri__mesh_sort(m, m->order[0], m->order[1], 0);
+    for (i = 0; i < m->edges; i = next) {
+        e = m->order[1][i];
+        net = peri__mesh_edge(m, e, &low, &high);
+        for (next = i + 1; next < m->edges; next++) {
+            int sign = peri__mesh_edge(m, m->order[1][next], &l, &h);
+            if (l != low || h != high) break;
+            net += sign;
+        }
+        if (net == 0) continue;
+        if (m->link[low] < 0) m->link[low] = low;
+        if (m->link[high] < 0) m->link[high] = high;
+        low = peri__mesh_root(m->link, low);
+        high = peri__mesh_root(m->link, high);
+        if (low < high) m->link[high] = low;
+        else m->link[low] = high;
+    }
+    for (v = 0; v <= m->vertices; v++) m->count[v] = 0;
+    for (v = 0; v < m->vertices; v++)
+        if (m->link[v] >= 0) m->count[peri__mesh_root(m->link, v) + 1]++;
+    for (v = 0; v < m->vertices; v++) m->count[v + 1] += m->count[v];
+    for (v = 0; v < m->vertices; v++)
+        if (m->link[v] >= 0) m->list[m->count[peri__mesh_root(m->link, v)]++] = v;
+}
+
+/* The vertex of list[0 .. n) furthest from p (axis NULL) or from the line through p along the unit vector axis; delta:
+   its difference from p, or from the nearest point of the line. Returns the distance. */
+static double peri__mesh_furthest(const peri__mesh *m, const int *list, int n, const double p[3], const double *axis,
+                                  double delta[3]) {
+    double q[3], along, square, best = -1;
+    int i, a;
+    for (i = 0; i < n; i++) {
+        peri__mesh_place(m, list[i], q);
+        for (a = 0; a < 3; a++) q[a] -= p[a];
+        along = axis ? q[0] * axis[0] + q[1] * axis[1] + q[2] * axis[2] : 0;
+        for (a = 0; a < 3; a++) q[a] -= axis ? along * axis[a] : 0;
+        square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
+        if (square <= best) continue;
+        best = square;
+        for (a = 0; a < 3; a++) delta[a] = q[a];
+    }
+    return sqrt(best);
+}
+
+/* Width and middle of a hole with the given vertices: its extent across its longest chord. A long slit (a T-junction,
+   a missing strip) is thus as narrow as it is: it spoils few of the lines through it. */
+static double peri__mesh_width(const peri__mesh *m, const int *list, int n, double middle[3]) {
+    double p[3], q[3], chord[3], across[3], length, side, low = 0, high = 0;
+    double lower[3], upper[3];
+    int i, a;
+    for (i = 0; i < n; i++) {
+        peri__mesh_place(m, list[i], q);
+        for (a = 0; a < 3; a++) {
+            if (i == 0 || q[a] < lower[a]) lower[a] = q[a];
+            if (i == 0 || q[a] > upper[a]) upper[a] = q[a];
+        }
+    }
+    for (a = 0; a < 3; a++) middle[a] = 0.5 * lower[a] + 0.5 * upper[a];
+    peri__mesh_place(m, list[0], p);
+    (void)peri__mesh_furthest(m, list, n, p, NULL, chord); /* one end of (nearly) the longest chord ... */
+    for (a = 0; a < 3; a++) p[a] += chord[a];
+    length = peri__mesh_furthest(m, list, n, p, NULL, chord); /* ... and the chord itself */
+    if (!(length > 0)) return 0;
+    for (a = 0; a < 3; a++) chord[a] /= length;
+    side = peri__mesh_furthest(m, list, n, p, chord, across);
+    if (!(side > 0)) return 0;
+    for (i = 0; i < n; i++) {
+        peri__mesh_place(m, list[i], q);
+        for (length = 0, a = 0; a < 3; a++) length += (q[a] - p[a]) * across[a] / side;
+        if (length < low) low = length;
+        if (length > high) high = length;
+    }
+    return high - low;
+}
+
+/* Refuses a mesh whose widest hole is wider than a tenth of its diagonal. */
+static peri_result peri__mesh_holes(peri__mesh *m, peri_error *err) {
+    double middle[3], place[3] = {0, 0, 0}, width, widest = 0;
+    int g, a, n, begin = 0;
+    peri__mesh_open_edges(m);
+    for (g = 0; g < m->vertices; g++) {
+        n = m->count[g] - begin;
+        if (n == 0) continue;
+        width = peri__mesh_width(m, m->list + begin, n, middle);
+        begin += n;
+        if (width <= widest) continue;
+        widest = width;
+        for (a = 0; a < 3; a++) place[a] = middle[a];
+    }
+    if (widest <= 0.1 * m->diagonal) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_GEOMETRY,
+                      "the mesh has a hole %.3g m wide at (%.3g, %.3g, %.3g), more than a tenth of its size: close it, "
+                      "or turn round the triangles that face the wrong way there", widest, place[0], place[1],
+                      place[2]);
+}
+
+/* Where the edge between welded vertices a and b crosses the row at height y of axis v: coordinates along u and along
+   the line's own axis. Always computed from the vertex with the smaller number, so that both triangles of an edge get
+   the same bits: a row then leaves one triangle exactly where it enters the next. */
+static void peri__mesh_cross(int a, int b, const double *pa, const double *pb, int u, int v, int axis, double y,
+                             double out[2]) {
+    const double *p = a < b ? pa : pb, *q = a < b ? pb : pa;
+    double s = (y - p[v]) / (q[v] - p[v]);
+    out[0] = p[u] + s * (q[u] - p[u]);
+    out[1] = p[axis] + s * (q[axis] - p[axis]);
+}
+
+/* Marks the crossings of triangle t with the lattice lines along an axis. Lines are found row by row, half open: a line
+   at u belongs to a triangle when one edge crosses its row at or below u and the other above. As every edge adds to one
+   triangle what it takes from its neighbour, the signs along any line of a closed mesh sum to zero whatever the
+   rounding. A crossing of sign s counts s for the cells before it (seen from the far end) and -s for those after it
+   (seen from the near end): mark holds the differences along the line. */
+static void peri__mesh_trace(const peri__mesh *m, const peri__lattice *l, int axis, int t, int32_t *mark) {
+    double p[3][3], edge[2][2], y, s, height;
+    int id[3], u = (axis + 1) % 3, v = (axis + 2) % 3, c, i, j, k, from, to, end, sign, low = 0, high = 0;
+    size_t stride[3], at;
+    stride[0] = 1;
+    stride[1] = (size_t)l->n[0];
+    stride[2] = (size_t)l->n[0] * (size_t)l->n[1];
+    for (c = 0; c < 3; c++) {
+        id[c] = peri__mesh_corner(m, t, c, p[c]);
+        if (p[c][v] < p[low][v]) low = c;
+        if (p[c][v] > p[high][v]) high = c;
+    }
+    end = peri__lattice_below(l, v, p[high][v]);
+    for (j = peri__lattice_below(l, v, p[low][v]); j < end; j++) {
+        y = peri__lattice_at(l, v, j);
+        edge[0][0] = edge[0][1] = edge[1][0] = edge[1][1] = 0;
+        for (c = 0; c < 3; c++) { /* of three edges one rises through the row and one falls */
+            int b = c == 2 ? 0 : c + 1, rises = p[b][v] > y;
+            if ((p[c][v] > y) != rises) peri__mesh_cross(id[c], id[b], p[c], p[b], u, v, axis, y, edge[rises]);
+        }
+        from = peri__lattice_below(l, u, edge[0][0]);
+        to = peri__lattice_below(l, u, edge[1][0]);
+        sign = 1;
+        if (from > to) { /* seen from behind */
+            i = from;
+            from = to;
+            to = i;
+            sign = -1;
+        }
+        for (i = from; i < to; i++) {
+            s = (peri__lattice_at(l, u, i) - edge[0][0]) / (edge[1][0] - edge[0][0]);
+            s = s > 0 ? (s < 1 ? s : 1) : 0;
+            height = edge[0][1] + s * (edge[1][1] - edge[0][1]);
+            k = peri__lattice_below(l, axis, height);
+            at = (size_t)i * stride[u] + (size_t)j * stride[v];
+            mark[at] += sign;
+            if (k < l->n[axis]) mark[at + (size_t)k * stride[axis]] -= 2 * sign;
+        }
+    }
+}
+
+/* sum[cell] = six times the winding number, seen along both directions of the three axes. mark: scratch. */
+static void peri__mesh_wind(const peri__mesh *m, const peri__lattice *l, int32_t *sum, int32_t *mark) {
+    size_t cells = (size_t)l->n[0] * (size_t)l->n[1] * (size_t)l->n[2], stride = 1, i;
+    int axis, t;
+    memset(sum, 0, cells * sizeof *sum);
+    for (axis = 0; axis < 3; axis++) {
+        size_t length = stride * (size_t)l->n[axis]; /* cells between the beginnings of neighbouring planes of lines */
+        size_t place = 0;
+        memset(mark, 0, cells * sizeof *mark);
+        for (t = 0; t < m->edges / 3; t++) peri__mesh_trace(m, l, axis, t, mark);
+        for (i = 0; i < cells; i++) {
+            if (place >= stride) mark[i] += mark[i - stride];
+            sum[i] += mark[i];
+            if (++place == length) place = 0;
+        }
+        stride = length;
+    }
+}
+
+/* Takes the cells where the winding number is above one half: sum > 3. */
+static peri_result peri__mesh_fill(const peri__mesh *m, const peri__lattice *l, peri__sample *out,
+                                   const peri_allocator *memory, peri_error *err) {
+    size_t cells, bytes, at = 0;
+    int32_t *sum;
+    int i, j, k;
+    peri_result r = PERI_OK;
+    if (!peri__mul_size((size_t)l->n[0], (size_t)l->n[1], &cells) || !peri__mul_size(cells, (size_t)l->n[2], &cells) ||
+        !peri__mul_size(cells, 2 * sizeof(int32_t), &bytes))
+        return peri__fail(err, PERI_ERROR_LIMIT, "spacing %g m asks for a lattice of %d x %d x %d cells, beyond the "
+                          "address space; take a larger one", l->d, l->n[0], l->n[1], l->n[2]);
+    sum = (int32_t *)peri__resize(memory, NULL, 0, bytes);
+    if (!sum)
+        return peri__fail(err, PERI_ERROR_MEMORY, "no memory for a lattice of %d x %d x %d cells (%.0f bytes)",
+                          l->n[0], l->n[1], l->n[2], (double)bytes);
+    peri__mesh_wind(m, l, sum, sum + cells);
+    for (k = 0; k < l->n[2]; k++)
+        for (j = 0; j < l->n[1]; j++)
+            for (i = 0; i < l->n[0]; i++, at++)
+                if (!r && sum[at] * m->turned > 3 && !peri__sample_take(out, peri__lattice_point(l, i, j, k)))
+                    r = peri__sample_full(l->d, err);
+    (void)peri__resize(memory, sum, bytes, 0);
+    return r;
+}
+
+static peri_result peri__sample_mesh(const peri_shape *s, double d, peri__lattice *l, peri__sample *out,
+                                     const peri_allocator *memory, peri_error *err) {
+    peri__mesh m;
+    peri_result r;
+    memset(&m, 0, sizeof m);
+    m.shape = s;
+    m.vertices = s->vertex_count;
+    m.edges = 3 * s->triangle_count;
+    r = peri__mesh_bounds(&m, err);
+    if (!r) r = peri__lattice_make(m.lower, m.upper, d, l, err);
+    if (!r) r = peri__mesh_allocate(&m, memory, err);
+    if (r) return r;
+    peri__mesh_weld(&m);
+    r = peri__mesh_holes(&m, err);
+    if (!r) r = peri__mesh_fill(&m, l, out, memory, err);
+    (void)peri__resize(memory, m.block, m.bytes, 0);
+    return r;
+}
+
+peri_result peri_sample_with(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
+                             int *count, const peri_allocator *memory, peri_error *err) {
+    double lower[3], upper[3], d = (double)spacing;
+    peri__lattice l;
+    peri__sample out;
+    peri_result r;
+    if (!count) return peri__fail(err, PERI_ERROR_ARGUMENT, "count is NULL");
+    *count = 0;
+    r = peri__shape_check(shape, 0, err);
+    if (r) return r;
+    if (!peri__finite(d) || !(d > 0))
+        return peri__fail(err, PERI_ERROR_VALUE, "spacing is %g m; it must be finite and above 0", d);
+    if (points && capacity < 0)
+        return peri__fail(err, PERI_ERROR_VALUE, "capacity is %d points; it must be at least 0", capacity);
+    memset(&l, 0, sizeof l);
+    out.points = points;
+    out.capacity = capacity;
+    out.count = 0;
+    if (shape->kind == PERI_SHAPE_MESH) {
+        r = peri__sample_mesh(shape, d, &l, &out, memory, err);
+    } else {
+        peri__shape_bounds(shape, lower, upper);
+        r = peri__lattice_make(lower, upper, d, &l, err);
+        if (!r) r = peri__sample_distance(shape, &l, &out, err);
+    }
+    if (r) return r;
+    if (out.count == 0)
+        return peri__fail(err, PERI_ERROR_GEOMETRY,
+                          "spacing %g m is too coarse for the shape: none of %d x %d x %d lattice points is inside", d,
+                          l.n[0], l.n[1], l.n[2]);
+    *count = out.count;
+    if (points && out.count > capacity)
+        return peri__fail(err, PERI_ERROR_LIMIT, "capacity is %d points and %d are inside; count them first with "
+                          "points NULL", capacity, out.count);
+    return PERI_OK;
+}
+
+peri_result peri_sample(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
+                        int *count, peri_error *err) {
+    return peri_sample_with(shape, spacing, points, capacity, count, NULL, err);
+}
+
+#endif /* PERI_NO_SAMPLING */
+/* ---- skins ------------------------------------------------------------------------------------------------------- */
+#ifndef PERI_NO_SKINNING
+
+#define PERI__SKIN_NEAR 12              /* particles that a vertex follows, at most */
+#define PERI__SKIN_TRIANGLES (1 << 29)  /* most triangles: three corners each must be counted in an int */
+
+/* A mesh bound to particles: x_v = sum_k w_k (x_k + F_k (X_v - X_k)), the particles' own affine motions blended. With
+   sum w_k = 1 it is exact for affine motion. All arrays lie in one block. */
+typedef struct peri__skin_data {
+    int n, m, triangle_count;       /* particles, vertices */
+    peri_real *blend;               /* [4 NEAR m] of each vertex and particle: w_k, w_k (X_v - X_k) */
+    int *bound;                     /* [NEAR m] the particles, nearest first; unused places repeat it with weight 0 */
+    int *triangles;                 /* [3 triangle_count] */
+    int *first, *around;            /* [m + 1], [3 triangle_count]: triangles around each vertex, ascending */
+    peri_real *area;                /* [3 triangle_count] scratch of the update: twice the area times the normal */
+    void *block;
+    size_t bytes;
+} peri__skin_data;
+
+/* Particles sorted by the hash of the grid cell they are in. Hashing keeps it O(n) for any layout. */
+typedef struct peri__skin_grid {
+    const peri_real *ref;
+    double lower[3], d;
+    unsigned mask;
+    int *cell;                      /* [3 n] by particle */
+    int *begin;                     /* [mask + 2] */
+    int *sorted;                    /* [n] */
+    void *block;
+    size_t bytes;
+} peri__skin_grid;
+
+/* The nearest particles of a vertex, nearest first (ties: by number), one more than are used. */
+typedef struct peri__skin_list {
+    int n, id[PERI__SKIN_NEAR + 1];
+    double r[PERI__SKIN_NEAR + 1];  /* first squared distances, then distances, in spacings */
+} peri__skin_list;
+
+/* Cell number along an axis: monotonic also where it is cut off, so that a range of cells misses nothing. */
+static int peri__skin_cell(const peri__skin_grid *g, int axis, double x) {
+    double c = floor((x - g->lower[axis]) / g->d);
+    return c < -1e9 ? -1000000000 : c > 1e9 ? 1000000000 : (int)c;
+}
+
+static unsigned peri__skin_hash(const peri__skin_grid *g, int i, int j, int k) {
+    uint64_t h = (uint64_t)i * 0x9E3779B97F4A7C15u + (uint64_t)j * 0xC2B2AE3D27D4EB4Fu +
+                 (uint64_t)k * 0x165667B19E3779F9u;
+    h ^= h >> 29;
+    h *= 0xBF58476D1CE4E5B9u; /* finaliser of splitmix64 (Steele, Lea and Flood 2014) */
+    return (unsigned)(h >> 32) & g->mask;
+}
+
+static peri_result peri__skin_grid_make(peri__skin_grid *g, const peri_real *ref, int n, double spacing,
+                                        const peri_allocator *memory, peri_error *err) {
+    size_t table = 16, count = (size_t)n;
+    unsigned h;
+    int i, a, pass;
+    while (table < count && table < ((size_t)1 << 30)) table *= 2;
+    if (4.0 * n + (double)table + 1 > (double)(SIZE_MAX / 8))
+        return peri__fail(err, PERI_ERROR_LIMIT, "a grid of %d particles is beyond the address space", n);
+    g->ref = ref;
+    g->d = spacing;
+    g->mask = (unsigned)(table - 1);
+    g->bytes = (4 * count + table + 1) * sizeof(int);
+    g->block = peri__resize(memory, NULL, 0, g->bytes);
+    if (!g->block) return peri__fail(err, PERI_ERROR_MEMORY, "no memory for a grid of %d particles", n);
+    g->cell = (int *)g->block;
+    g->sorted = g->cell + 3 * count;
+    g->begin = g->sorted + count;
+    for (a = 0; a < 3; a++)
+        for (i = 0; i < n; i++)
+            if (i == 0 || (double)ref[3 * (size_t)i + (size_t)a] < g->lower[a])
+                g->lower[a] = (double)ref[3 * (size_t)i + (size_t)a];
+    memset(g->begin, 0, (table + 1) * sizeof(int));
+    for (pass = 0; pass < 2; pass++) { /* counting sort; placing from behind leaves begin[h] at the cell's begin */
+        for (i = pass ? n - 1 : 0; i >= 0 && i < n; i += pass ? -1 : 1) {
+            int *c = g->cell + 3 * (size_t)i;
+            if (!pass)
+                for (a = 0; a < 3; a++) c[a] = peri__skin_cell(g, a, (double)ref[3 * (size_t)i + (size_t)a]);
+            h = peri__skin_hash(g, c[0], c[1], c[2]);
+            if (pass) g->sorted[--g->begin[h]] = i;
+            else g->begin[h]++;
+        }
+        if (!pass)
+            for (h = 0; h <= g->mask; h++) g->begin[h + 1] += g->begin[h];
+    }
+    return PERI_OK;
+}
+
+/* Squared distance in spacings. */
+static double peri__skin_square(const peri_real *a, const peri_real *b, double spacing) {
+    double x = ((double)a[0] - (double)b[0]) / spacing, y = ((double)a[1] - (double)b[1]) / spacing,
+           z = ((double)a[2] - (double)b[2]) / spacing;
+    return x * x + y * y + z * z;
+}
+
+static void peri__skin_insert(peri__skin_list *l, int id, double square) {
+    int i = l->n;
+    if (i > PERI__SKIN_NEAR) {
+        i = PERI__SKIN_NEAR;
+        if (square > l->r[i] || (square >= l->r[i] && id > l->id[i])) return;
+    } else l->n++;
+    for (; i > 0 && (square < l->r[i - 1] || (square <= l->r[i - 1] && id < l->id[i - 1])); i--) {
+        l->r[i] = l->r[i - 1];
+        l->id[i] = l->id[i - 1];
+    }
+    l->r[i] = square;
+    l->id[i] = id;
+}
+
+/* The nearest particles within reach (in spacings) of the point x. */
+static void peri__skin_search(const peri__skin_grid *g, const peri_real *x, double reach, peri__skin_list *l) {
+    int low[3], high[3], a, i, j, k, s;
+    l->n = 0;
+    for (a = 0; a < 3; a++) {
+        low[a] = peri__skin_cell(g, a, (double)x[a] - reach * g->d);
+        high[a] = peri__skin_cell(g, a, (double)x[a] + reach * g->d);
+    }
+    for (k = low[2]; k <= high[2]; k++)
+        for (j = low[1]; j <= high[1]; j++)
+            for (i = low[0]; i <= high[0]; i++) {
+                unsigned h = peri__skin_hash(g, i, j, k);
+                for (s = g->begin[h]; s < g->begin[h + 1]; s++) {
+                    int id = g->sorted[s];
+                    const int *c = g->cell + 3 * (size_t)id;
+                    double square;
+                    if (c[0] != i || c[1] != j || c[2] != k) continue; /* another cell with the same hash */
+                    square = peri__skin_square(x, g->ref + 3 * (size_t)id, g->d);
+                    if (square <= reach * reach) peri__skin_insert(l, id, square);
+                }
+            }
+    for (i = 0; i < l->n; i++) l->r[i] = sqrt(l->r[i]);
+}
+
+/* The radius at which weights vanish, in spacings. Not beyond the first particle that is left out, so that weights
+   change smoothly from vertex to vertex; not 1.5 spacings beyond the nearest particle, so that a vertex follows its own
+   limb and not the one opposite; but enough for four particles, if there are. */
+static double peri__skin_radius(const peri__skin_list *l) {
+    double radius = l->r[0] + 1.5, four = 1.2 * l->r[l->n > 4 ? 3 : l->n - 1];
+    if (l->n > PERI__SKIN_NEAR && l->r[PERI__SKIN_NEAR] < radius) radius = l->r[PERI__SKIN_NEAR];
+    return radius > four ? radius : four;
+}
+
+/* Binds vertex x: bound[k] and blend[4k] for all k < PERI__SKIN_NEAR. Returns 0 when no particle is within 4 spacings.
+   The weight (1 - (r/radius)^2)^3 falls off quickly and smoothly. */
+static int peri__skin_vertex(const peri__skin_grid *g, const peri_real *x, int *bound, peri_real *blend) {
+    peri__skin_list l;
+    double reach, radius = 0, weight[PERI__SKIN_NEAR], sum = 0, share;
+    int k, a;
+    for (reach = 2; reach < 7; reach += 2) { /* at most 6: all that a vertex 4 spacings away may need */
+        peri__skin_search(g, x, reach, &l);
+        radius = l.n > 0 ? peri__skin_radius(&l) : 6;
+        if (l.n >= 4 && radius <= reach) break;
+    }
+    if (l.n == 0 || l.r[0] > 4) return 0;
+    if (radius > 6) radius = 6;
+    for (k = 0; k < PERI__SKIN_NEAR; k++) {
+        share = k < l.n ? 1 - (l.r[k] / radius) * (l.r[k] / radius) : 0;
+        weight[k] = share > 0 ? share * share * share : 0;
+        sum += weight[k];
+    }
+    if (!(sum > 0)) weight[0] = sum = 1;
+    for (k = 0; k < PERI__SKIN_NEAR; k++) {
+        double w = weight[k] / sum;
+        bound[k] = l.id[w > 0 ? k : 0];
+        blend[4 * k] = (peri_real)w;
+        for (a = 0; a < 3; a++)
+            blend[4 * k + 1 + a] = (peri_real)(w * ((double)x[a] - (double)g->ref[3 * (size_t)bound[k] + (size_t)a]));
+    }
+    return 1;
+}
+
+static peri_result peri__skin_far(const peri__skin_grid *g, int n, const peri_real *x, int vertex, peri_error *err) {
+    double square, best = -1;
+    int i;
+    for (i = 0; i < n; i++) {
+        square = peri__skin_square(x, g->ref + 3 * (size_t)i, g->d);
+        if (best < 0 || square < best) best = square;
+    }
+    return peri__fail(err, PERI_ERROR_GEOMETRY, "vertex %d at (%g, %g, %g) is %.3g m from the nearest particle; 4 "
+                      "spacings (%.3g m) is the limit: give the mesh in the coordinates of the body's points", vertex,
+                      (double)x[0], (double)x[1], (double)x[2], sqrt(best) * g->d, 4 * g->d);
+}
+
+static peri_result peri__skin_check(const peri_real *vertices, int m, const int *triangles, int count,
+                                    peri_error *err) {
+    int i;
+    if (!vertices) return peri__fail(err, PERI_ERROR_ARGUMENT, "vertices is NULL");
+    if (m < 1) return peri__fail(err, PERI_ERROR_VALUE, "vertex_count is %d; a skin has at least 1", m);
+    if (count < 0) return peri__fail(err, PERI_ERROR_VALUE, "triangle_count is %d; it must be at least 0", count);
+    if (count > PERI__SKIN_TRIANGLES)
+        return peri__fail(err, PERI_ERROR_LIMIT, "triangle_count is %d; at most %d are handled", count,
+                          PERI__SKIN_TRIANGLES);
+    if (count > 0 && !triangles)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "triangles is NULL and triangle_count is %d", count);
+    for (i = 0; i < m; i++) {
+        const peri_real *x = vertices + 3 * (size_t)i;
+        if (!peri__finite((double)x[0]) || !peri__finite((double)x[1]) || !peri__finite((double)x[2]))
+            return peri__fail(err, PERI_ERROR_VALUE, "vertex %d of the skin is (%g, %g, %g); it must be finite", i,
+                              (double)x[0], (double)x[1], (double)x[2]);
+    }
+    for (i = 0; i < 3 * count; i++)
+        if (triangles[i] < 0 || triangles[i] >= m)
+            return peri__fail(err, PERI_ERROR_INDEX, "triangle %d of the skin uses vertex %d; there are %d", i / 3,
+                              triangles[i], m);
+    return PERI_OK;
+}
+
+static peri_result peri__skin_allocate(peri__skin_data *s, const peri_allocator *memory, peri_error *err) {
+    size_t m = (size_t)s->m, corners = 3 * (size_t)s->triangle_count, reals, ints;
+    double need = (double)s->m * PERI__SKIN_NEAR * (4 * sizeof(peri_real) + sizeof(int)) + (double)s->m * sizeof(int) +
+                  (double)corners * (sizeof(peri_real) + 2 * sizeof(int));
+    if (need > (double)(SIZE_MAX / 4))
+        return peri__fail(err, PERI_ERROR_LIMIT, "a skin of %d vertices and %d triangles is beyond the address space",
+                          s->m, s->triangle_count);
+    reals = 4 * PERI__SKIN_NEAR * m + corners;
+    ints = PERI__SKIN_NEAR * m + (m + 1) + 2 * corners;
+    s->bytes = reals * sizeof(peri_real) + ints * sizeof(int);
+    s->block = peri__resize(memory, NULL, 0, s->bytes);
+    if (!s->block)
+        return peri__fail(err, PERI_ERROR_MEMORY, "no memory for a skin of %d vertices (%.0f bytes)", s->m,
+                          (double)s->bytes);
+    s->blend = (peri_real *)s->block;
+    s->area = s->blend + 4 * PERI__SKIN_NEAR * m;
+    s->bound = (int *)(void *)(s->area + corners);
+    s->triangles = s->bound + PERI__SKIN_NEAR * m;
+    s->around = s->triangles + corners;
+    s->first = s->around + corners;
+    return PERI_OK;
+}
+
+static void peri__skin_free(peri__skin_data *s, const peri_allocator *memory) {
+    if (s->block) (void)peri__resize(memory, s->block, s->bytes, 0);
+    memset(s, 0, sizeof *s);
+}
+
+/* Copies the triangles and lists those around every vertex, ascending: the order in which normals are summed. */
+static void peri__skin_around(peri__skin_data *s, const int *triangles) {
+    int i, corners = 3 * s->triangle_count;
+    memset(s->first, 0, ((size_t)s->m + 1) * sizeof(int));
+    for (i = 0; i < corners; i++) {
+        s->triangles[i] = triangles[i];
+        s->first[triangles[i]]++;
+    }
+    for (i = 0; i < s->m; i++) s->first[i + 1] += s->first[i];
+    for (i = corners - 1; i >= 0; i--) s->around[--s->first[triangles[i]]] = i / 3;
+}
+
+/* Binds a mesh to n particles at ref (3 n). On error nothing is held and *out is zero. */
+static peri_result peri__skin_bind(const peri_real *ref, int n, peri_real spacing, const peri_real *vertices, int m,
+                                   const int *triangles, int triangle_count, peri__skin_data *out,
+                                   const peri_allocator *memory, peri_error *err) {
+    peri__skin_grid grid;
+    peri_result r;
+    int v;
+    memset(out, 0, sizeof *out);
+    memset(&grid, 0, sizeof grid);
+    r = peri__skin_check(vertices, m, triangles, triangle_count, err);
+    if (r) return r;
+    out->n = n;
+    out->m = m;
+    out->triangle_count = triangle_count;
+    r = peri__skin_allocate(out, memory, err);
+    if (!r) r = peri__skin_grid_make(&grid, ref, n, (double)spacing, memory, err);
+    for (v = 0; v < m && !r; v++) {
+        size_t at = PERI__SKIN_NEAR * (size_t)v;
+        if (!peri__skin_vertex(&grid, vertices + 3 * (size_t)v, out->bound + at, out->blend + 4 * at))
+            r = peri__skin_far(&grid, n, vertices + 3 * (size_t)v, v, err);
+    }
+    if (!r) peri__skin_around(out, triangles);
+    if (grid.block) (void)peri__resize(memory, grid.block, grid.bytes, 0);
+    if (r) peri__skin_free(out, memory);
+    return r;
+}
+
+/* What the tasks of one update share. */
+typedef struct peri__skin_job {
+    const peri__skin_data *s;
+    const peri_real *x, *F;
+    peri_real *positions, *normals;
+} peri__skin_job;
+
+static void peri__skin_move_task(int begin, int end, void *context) {
+    const peri__skin_job *job = (const peri__skin_job *)context;
+    int v, k;
+    for (v = begin; v < end; v++) {
+        const int *bound = job->s->bound + PERI__SKIN_NEAR * (size_t)v;
+        const peri_real *b = job->s->blend + 4 * PERI__SKIN_NEAR * (size_t)v;
+        peri_real *to = job->positions + 3 * (size_t)v, p0 = 0, p1 = 0, p2 = 0;
+        for (k = 0; k < PERI__SKIN_NEAR && b[0] > 0; k++, b += 4) {
+            const peri_real *x = job->x + 3 * (size_t)bound[k], *f = job->F + 9 * (size_t)bound[k];
+            p0 += b[0] * x[0] + (f[0] * b[1] + f[1] * b[2] + f[2] * b[3]);
+            p1 += b[0] * x[1] + (f[3] * b[1] + f[4] * b[2] + f[5] * b[3]);
+            p2 += b[0] * x[2] + (f[6] * b[1] + f[7] * b[2] + f[8] * b[3]);
+        }
+        to[0] = p0;
+        to[1] = p1;
+        to[2] = p2;
+    }
+}
+
+static void peri__skin_area_task(int begin, int end, void *context) {
+    const peri__skin_job *job = (const peri__skin_job *)context;
+    int t;
+    for (t = begin; t < end; t++) {
+        const int *c = job->s->triangles + 3 * (size_t)t;
+        const peri_real *a = job->positions + 3 * (size_t)c[0], *b = job->positions + 3 * (size_t)c[1],
+                        *d = job->positions + 3 * (size_t)c[2];
+        peri_real u0 = b[0] - a[0], u1 = b[1] - a[1], u2 = b[2] - a[2];
+        peri_real v0 = d[0] - a[0], v1 = d[1] - a[1], v2 = d[2] - a[2];
+        peri_real *to = job->s->area + 3 * (size_t)t;
+        to[0] = u1 * v2 - u2 * v1;
+        to[1] = u2 * v0 - u0 * v2;
+        to[2] = u0 * v1 - u1 * v0;
+    }
+}
+
+/* Sums the areas around each vertex: the area-weighted normal. Without any area it is (0, 0, 1). */
+static void peri__skin_normal_task(int begin, int end, void *context) {
+    const peri__skin_job *job = (const peri__skin_job *)context;
+    const peri__skin_data *s = job->s;
+    int v, k;
+    for (v = begin; v < end; v++) {
+        double n0 = 0, n1 = 0, n2 = 0, length;
+        peri_real *to = job->normals + 3 * (size_t)v;
+        for (k = s->first[v]; k < s->first[v + 1]; k++) {
+            const peri_real *a = s->area + 3 * (size_t)s->around[k];
+            n0 += (double)a[0];
+            n1 += (double)a[1];
+            n2 += (double)a[2];
+        }
+        length = sqrt(n0 * n0 + n1 * n1 + n2 * n2);
+        if (!(length > 1e-140)) { /* none at all, or so small that its square lost bits; also not a number */
+            n0 = n1 = 0;
+            n2 = length = 1;
+        }
+        to[0] = (peri_real)(n0 / length);
+        to[1] = (peri_real)(n1 / length);
+        to[2] = (peri_real)(n2 / length);
+    }
+}
+
+/* Moves the skin: x (3 n) present positions, F (9 n, rows) deformation gradients of the particles with respect to the
+   ref of the binding; positions (3 m) out, normals (3 m) out unless NULL. One update of a skin at a time: area is
+   scratch. */
+static void peri__skin_move(const peri__skin_data *s, const peri_parallel *par, const peri_real *x, const peri_real *F,
+                            peri_real *positions, peri_real *normals) {
+    peri__skin_job job;
+    job.s = s;
+    job.x = x;
+    job.F = F;
+    job.positions = positions;
+    job.normals = normals;
+    peri_parallel_for(par, s->m, 256, peri__skin_move_task, &job);
+    if (!normals) return;
+    peri_parallel_for(par, s->triangle_count, 1024, peri__skin_area_task, &job);
+    peri_parallel_for(par, s->m, 512, peri__skin_normal_task, &job);
+}
+
+#endif /* PERI_NO_SKINNING */
+
+#ifndef PERI_NO_SKINNING
+typedef struct peri__skin {
+    peri__slot slot;
+    uint32_t body, generation;  /* of the body it follows */
+    peri__skin_data data;
+    peri_real *gradient;        /* 9 per particle: scratch of an update */
+    size_t gradient_bytes;
+} peri__skin;
+#define PERI__SKIN_BYTES sizeof(peri__skin)
+#else
+#define PERI__SKIN_BYTES sizeof(peri__slot)
+#endif
+
+#ifndef PERI_NO_SKINNING
+static void peri__skins_drop(peri_world *w, const peri__body *b);
+#endif
+
+/* ---- implementation 3: creating and destroying a world ----------------------------------------------------------- */
+
+peri_world_def peri_default_world_def(void) {
+    peri_world_def d;
+    memset(&d, 0, sizeof d);
+    d.cookie = PERI__COOKIE + 1;
+    d.gravity.z = PERI__R(-9.81);
+    d.integrator = PERI_BACKWARD_EULER;
+    d.solver = PERI_SOLVER_AUTO;
+    d.sweeps = 12;
+    d.lbfgs = 5;
+    d.tolerance = PERI__R(1e-3);
+    d.max_iterations = 200;
+    d.matrix_scale = PERI__R(0.5);
+    d.keep_momentum = 1;
+    d.max_particles = 1 << 24;
+    d.max_bonds = 1 << 30;
+    d.max_bodies = 65535;
+    d.max_materials = d.max_colliders = d.max_skins = 1024;
+    d.parallel.threads = 1;
+    return d;
+}
+
+static peri_result peri__finite3(const char *name, const peri_real *v, int count, peri_error *err) {
+    int k;
+    for (k = 0; k < 3 * count; k++)
+        if (!peri__finite((double)v[k]) || fabs((double)v[k]) > 1e15)
+            return peri__fail(err, PERI_ERROR_VALUE, "%s: component %d of entry %d is %g; it must be finite and below 1e15",
+                              name, k % 3, k / 3, (double)v[k]);
+    return PERI_OK;
+}
+
+static peri_result peri__finite_vec(const char *name, peri_vec3 v, peri_error *err) {
+    peri_real a[3];
+    a[0] = v.x; a[1] = v.y; a[2] = v.z;
+    return peri__finite3(name, a, 1, err);
+}
+
+static peri_result peri__check_int(const char *name, int value, int low, int high, peri_error *err) {
+    if (value >= low && value <= high) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_VALUE, "%s is %d; it must lie between %d and %d", name, value, low, high);
+}
+
+static peri_result peri__check_world_def(const peri_world_def *d, peri_error *err) {
+    peri_result bad;
+    if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the world's definition is NULL");
+    if (d->cookie != PERI__COOKIE + 1)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "the world's definition was not made by peri_default_world_def");
+    bad = peri__finite_vec("gravity", d->gravity, err);
+    if (!bad) bad = peri__check_int("integrator", (int)d->integrator, 0, (int)PERI_BDF2, err);
+    if (!bad) bad = peri__check_int("solver", (int)d->solver, 0, (int)PERI_SOLVER_POSITION, err);
+    if (!bad) bad = peri__check_int("sweeps", d->sweeps, 2, 64, err);
+    if (!bad) bad = peri__check_int("lbfgs", d->lbfgs, 0, PERI_LBFGS_MAX, err);
+    if (!bad) bad = peri__check_range("tolerance", (double)d->tolerance, 1e-14, 1, err);
+    if (!bad) bad = peri__check_int("max_iterations", d->max_iterations, 1, 1000000, err);
+    if (!bad) bad = peri__check_range("matrix_scale", (double)d->matrix_scale, 0.05, 4, err);
+    if (!bad) bad = peri__check_int("max_particles", d->max_particles, 1, 1 << 28, err);
+    if (!bad) bad = peri__check_int("max_bonds", d->max_bonds, 0, 0x7ffffff0, err);
+    if (!bad) bad = peri__check_int("max_bodies", d->max_bodies, 1, 65535, err);
+    if (!bad) bad = peri__check_int("max_materials", d->max_materials, 1, 65535, err);
+    if (!bad) bad = peri__check_int("max_colliders", d->max_colliders, 0, 65535, err);
+    if (!bad) bad = peri__check_int("max_skins", d->max_skins, 0, 65535, err);
+    if (!bad) bad = peri__check_int("parallel.threads", d->parallel.threads, 0, 1024, err);
+    return bad;
+}
+
+static void peri__slots_begin(peri__slots *s, const char *name, size_t element, int limit) {
+    s->name = name;
+    s->element = element;
+    s->limit = limit;
+}
+
+typedef struct peri__stored_material {
+    peri__slot slot;
+    peri_material m;
+} peri__stored_material;
+
+/* Bytes that bodies take at most, apart from the particle arrays: see peri__block_layout and peri__neighbours. */
+static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t bonds, size_t bodies) {
+    size_t r = sizeof(peri_real), i = sizeof(int);
+    (void)d;
+    return particles * (i + (6 + 21 + 3 + 4) * r) + bonds * (i + 7 * r) + bodies * (20 * PERI__UNIT) +
+           particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
+}
+
+typedef struct peri__layout_total {
+    size_t slots, rows, contacts, bodies, all;
+} peri__layout_total;
+
+/* One place says how much a world in a buffer takes: peri_world_size and peri_world_create_in both ask here. */
+static int peri__world_layout(const peri_world_def *d, peri__layout_total *t) {
+    peri_world probe;
+    void **array[PERI__ROWS + 1];
+    size_t bytes[PERI__ROWS + 1], per_particle = 0, particles = (size_t)d->max_particles;
+    unsigned want[PERI__ROWS + 1];
+    double guess;
+    int n, k;
+    memset(&probe, 0, sizeof probe);
+    probe.def = *d;
+    probe.stride = PERI__PROJECTIVE_STRIDE;
+    probe.wants = ~0u;
+    n = peri__particle_rows(&probe, array, bytes, want);
+    for (k = 0; k < n; k++) per_particle += bytes[k];
+    guess = (double)particles * ((double)per_particle + 800) + 64.0 * (double)d->max_bonds + (double)d->spare_bytes;
+    if (guess > (double)(SIZE_MAX / 4)) return 0;
+    t->slots = (size_t)d->max_bodies * sizeof(peri__body) + (size_t)d->max_materials * sizeof(peri__stored_material) +
+               (size_t)d->max_colliders * sizeof(peri__collider) + (size_t)d->max_skins * PERI__SKIN_BYTES;
+    t->rows = particles * per_particle;
+    t->contacts = d->max_colliders ? 4 * particles * sizeof(peri__contact) : 0;
+    t->bodies = peri__body_bytes(d, particles, (size_t)d->max_bonds, (size_t)d->max_bodies);
+    t->all = peri__round_up(sizeof(peri_world)) + t->slots + t->rows + t->contacts + t->bodies + d->spare_bytes +
+             (size_t)(PERI__ROWS + 16) * PERI__UNIT;
+    return 1;
+}
+
+size_t peri_world_size(const peri_world_def *def) {
+    peri__layout_total t;
+    if (peri__check_world_def(def, NULL) || !peri__world_layout(def, &t)) return 0;
+    return t.all;
+}
+
+static void peri__world_begin(peri_world *w, const peri_world_def *def) {
+    memset(w, 0, sizeof *w);
+    w->def = *def;
+    w->stride = 2;
+    peri__slots_begin(&w->bodies, "bodies", sizeof(peri__body), def->max_bodies);
+    peri__slots_begin(&w->materials, "materials", sizeof(peri__stored_material), def->max_materials);
+    peri__slots_begin(&w->colliders, "colliders", sizeof(peri__collider), def->max_colliders);
+    peri__slots_begin(&w->skins, "skins", PERI__SKIN_BYTES, def->max_skins);
+}
+
+peri_world *peri_world_create(const peri_world_def *def, peri_error *err) {
+    peri_world *w;
+    if (peri__check_world_def(def, err)) return NULL;
+    w = (peri_world *)peri__resize(&def->memory, NULL, 0, sizeof *w);
+    if (!w) {
+        peri__fail(err, PERI_ERROR_MEMORY, "%zu bytes for a world were refused by the allocator", sizeof *w);
+        return NULL;
+    }
+    peri__world_begin(w, def);
+    w->stats.bytes = w->stats.bytes_peak = sizeof *w;
+    w->stats.allocations = 1;
+    return w;
+}
+
+/* In a buffer, everything that has a limit is taken now, so that no later call finds the buffer too small. */
+static peri_result peri__reserve_all(peri_world *w) {
+    peri__slots *kinds[4];
+    peri_result bad = PERI_OK;
+    int k;
+    kinds[0] = &w->bodies;
+    kinds[1] = &w->materials;
+    kinds[2] = &w->colliders;
+    kinds[3] = &w->skins;
+    for (k = 0; k < 4 && !bad; k++) {
+        void *data = NULL;
+        if (kinds[k]->limit) bad = peri__grow(w, &data, 0, (size_t)kinds[k]->limit, kinds[k]->element);
+        kinds[k]->data = (char *)data;
+        kinds[k]->capacity = kinds[k]->limit;
+    }
+    for (k = 0; k < 2 && !bad && w->def.max_colliders; k++) {
+        void *data = NULL;
+        bad = peri__grow(w, &data, 0, 2 * (size_t)w->def.max_particles, sizeof(peri__contact));
+        if (k) w->contacts = (peri__contact *)data, w->contact_capacity = 2 * w->def.max_particles;
+        else w->contacts_before = (peri__contact *)data, w->contact_before_capacity = 2 * w->def.max_particles;
+    }
+    return bad ? bad : peri__reserve(w, w->def.max_particles, ~0u, PERI__PROJECTIVE_STRIDE);
+}
+
+peri_world *peri_world_create_in(const peri_world_def *def, void *buffer, size_t bytes, peri_error *err) {
+    peri__layout_total t;
+    peri_world *w = (peri_world *)buffer;
+    size_t head = peri__round_up(sizeof *w);
+    if (peri__check_world_def(def, err)) return NULL;
+    if (!buffer || ((uintptr_t)buffer & (sizeof(double) - 1))) {
+        peri__fail(err, PERI_ERROR_ARGUMENT, "buffer is NULL or not aligned as malloc's");
+        return NULL;
+    }
+    if (!peri__world_layout(def, &t) || bytes < t.all) {
+        peri__fail(err, PERI_ERROR_LIMIT, "the buffer has %zu bytes; this definition takes %zu (peri_world_size)", bytes,
+                   peri_world_size(def));
+        return NULL;
+    }
+    peri__world_begin(w, def);
+    w->buffer = buffer;
+    w->heap = (peri__free *)(void *)((char *)buffer + head);
+    w->heap->bytes = (bytes - head) / PERI__UNIT * PERI__UNIT;
+    w->heap->next = NULL;
+    w->stats.bytes = head;
+    if (peri__reserve_all(w)) {
+        if (err) *err = w->error;
+        return NULL;
+    }
+    return w;
+}
+
+static void peri__drop(peri_world *w, void *ptr, size_t bytes) {
+    if (ptr) peri__world_resize(ptr, bytes, 0, w);
+}
+
+static void peri__body_drop(peri_world *w, peri__body *body) {
+#ifndef PERI_NO_CHOLESKY
+    if (body->factor) w->stats.factor_bytes -= peri_cholesky_bytes(body->factor);
+    peri_cholesky_destroy(body->factor);
+    body->factor = NULL;
+#endif
+    peri__drop(w, body->block, body->block_bytes);
+    body->block = NULL;
+}
+
+void peri_world_destroy(peri_world *w) {
+    void **array[PERI__ROWS + 1];
+    size_t bytes[PERI__ROWS + 1];
+    unsigned want[PERI__ROWS + 1];
+    int n, k;
+    if (!w || w->buffer) return;
+#ifndef PERI_NO_SKINNING
+    peri__skins_drop(w, NULL);
+#endif
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *body = peri__body_at(w, k);
+        if (body) peri__body_drop(w, body);
+    }
+    n = peri__particle_rows(w, array, bytes, want);
+    for (k = 0; k < n; k++) peri__drop(w, *array[k], w->row_bytes[k]);
+    peri__drop(w, w->bodies.data, (size_t)w->bodies.capacity * w->bodies.element);
+    peri__drop(w, w->materials.data, (size_t)w->materials.capacity * w->materials.element);
+    peri__drop(w, w->colliders.data, (size_t)w->colliders.capacity * w->colliders.element);
+    peri__drop(w, w->skins.data, (size_t)w->skins.capacity * w->skins.element);
+    peri__drop(w, w->contacts, (size_t)w->contact_capacity * sizeof(peri__contact));
+    peri__drop(w, w->contacts_before, (size_t)w->contact_before_capacity * sizeof(peri__contact));
+    peri__resize(&w->def.memory, w, sizeof *w, 0);
+}
+
+peri_result peri_world_set_gravity(peri_world *w, peri_vec3 gravity) {
+    peri_result bad;
+    if (!w) return PERI_ERROR_ARGUMENT;
+    bad = peri__finite_vec("gravity", gravity, &w->error);
+    if (bad) return peri__report(w, bad);
+    w->def.gravity = gravity;
+    return PERI_OK;
+}
+
+const peri_error *peri_last_error(const peri_world *w) { return w ? &w->error : NULL; }
+
+/* ---- implementation 4: neighbours -------------------------------------------------------------------------------- */
+
+/* Points sorted into cubic cells by counting: cell c holds order[start[c]] .. order[start[c + 1] - 1], in ascending
+   order of index. */
+typedef struct peri__grid {
+    int cells[3];
+    double lower[3], inv_size;
+    int *start, *order;
+    size_t start_bytes, order_bytes;
+} peri__grid;
+
+static int peri__grid_axis(const peri__grid *g, int axis, double x) {
+    int c = (int)((x - g->lower[axis]) * g->inv_size);
+    return c < 0 ? 0 : c >= g->cells[axis] ? g->cells[axis] - 1 : c;
+}
+
+static int peri__grid_cell(const peri__grid *g, const double *x) {
+    return peri__grid_axis(g, 0, x[0]) +
+           g->cells[0] * (peri__grid_axis(g, 1, x[1]) + g->cells[1] * peri__grid_axis(g, 2, x[2]));
+}
+
+static void peri__grid_free(peri_world *w, peri__grid *g) {
+    peri__drop(w, g->start, g->start_bytes);
+    peri__drop(w, g->order, g->order_bytes);
+}
+
+/* Cells at least `size` wide, fewer than 4 n + 64 of them. */
+static peri_result peri__grid_make(peri_world *w, peri__grid *g, const double *x, int n, double size) {
+    double upper[3], total;
+    int i, c, count;
+    memset(g, 0, sizeof *g);
+    for (c = 0; c < 3; c++) g->lower[c] = upper[c] = x[c];
+    for (i = 0; i < n; i++)
+        for (c = 0; c < 3; c++) {
+            double v = x[3 * (size_t)i + (size_t)c];
+            if (v < g->lower[c]) g->lower[c] = v;
+            if (v > upper[c]) upper[c] = v;
+        }
+    for (;; size *= 1.3) {
+        for (total = 1, c = 0; c < 3; c++) total *= floor((upper[c] - g->lower[c]) / size) + 1;
+        if (total <= 4.0 * n + 64) break;
+    }
+    g->inv_size = 1 / size;
+    for (c = 0; c < 3; c++) g->cells[c] = (int)((upper[c] - g->lower[c]) / size) + 1;
+    count = g->cells[0] * g->cells[1] * g->cells[2];
+    g->start_bytes = ((size_t)count + 1) * sizeof(int);
+    g->order_bytes = (size_t)n * sizeof(int);
+    g->start = (int *)peri__world_resize(NULL, 0, g->start_bytes, w);
+    g->order = (int *)peri__world_resize(NULL, 0, g->order_bytes, w);
+    if (!g->start || !g->order) {
+        peri__grid_free(w, g);
+        return peri__no_memory(w, g->start_bytes + g->order_bytes);
+    }
+    memset(g->start, 0, g->start_bytes);
+    for (i = 0; i < n; i++) g->start[peri__grid_cell(g, x + 3 * (size_t)i) + 1]++;
+    for (c = 0; c < count; c++) g->start[c + 1] += g->start[c];
+    for (i = 0; i < n; i++) g->order[g->start[peri__grid_cell(g, x + 3 * (size_t)i)]++] = i;
+    for (c = count; c > 0; c--) g->start[c] = g->start[c - 1];
+    g->start[0] = 0;
+    return PERI_OK;
+}
+
+/* Neighbours of point i closer than reach, ascending, into out (NULL: counted only). Returns their number; *closest is
+   the nearest one and its squared distance. */
+static int peri__grid_near(const peri__grid *g, const double *x, int i, double reach, int *out, int *closest,
+                           double *square) {
+    const double *p = x + 3 * (size_t)i;
+    int at[3], c, k, count = 0, a[3];
+    for (c = 0; c < 3; c++) at[c] = peri__grid_axis(g, c, p[c]);
+    *square = reach * reach;
+    *closest = -1;
+    for (a[2] = at[2] - 1; a[2] <= at[2] + 1; a[2]++)
+        for (a[1] = at[1] - 1; a[1] <= at[1] + 1; a[1]++)
+            for (a[0] = at[0] - 1; a[0] <= at[0] + 1; a[0]++) {
+                int cell = a[0] + g->cells[0] * (a[1] + g->cells[1] * a[2]);
+                if (a[0] < 0 || a[1] < 0 || a[2] < 0 || a[0] >= g->cells[0] || a[1] >= g->cells[1] ||
+                    a[2] >= g->cells[2])
+                    continue;
+                for (k = g->start[cell]; k < g->start[cell + 1]; k++) {
+                    int j = g->order[k], m;
+                    const double *q = x + 3 * (size_t)j;
+                    double dx = q[0] - p[0], dy = q[1] - p[1], dz = q[2] - p[2], r2 = dx * dx + dy * dy + dz * dz;
+                    if (j == i || r2 >= reach * reach) continue;
+                    if (r2 < *square) *square = r2, *closest = j;
+                    if (out) {
+                        for (m = count; m > 0 && out[m - 1] > j; m--) out[m] = out[m - 1];
+                        out[m] = j;
+                    }
+                    count++;
+                }
+            }
+    return count;
+}
+
+/* ---- implementation 5: bonds ------------------------------------------------------------------------------------- */
+
+/* Unnormalised weight of a bond of length r (in spacings) for horizon delta (in spacings). */
+static double peri__kernel(const peri_body_def *d, double r, double delta) {
+    double q = r / delta, w = 1;
+    switch (d->kernel) {
+    case PERI_KERNEL_POWER: w = peri_exp(-(double)d->kernel_power * peri_log(r)); break;
+    case PERI_KERNEL_CONSTANT: break;
+    case PERI_KERNEL_LINEAR: w = 1 - q; break;
+    case PERI_KERNEL_CUBIC: w = q < 0.5 ? 1 - 6 * q * q + 6 * q * q * q : 2 * (1 - q) * (1 - q) * (1 - q); break;
+    case PERI_KERNEL_INVERSE: w = 1 / q; break;
+    case PERI_KERNEL_SHIFTED: w = 1 / (1 + q); break;
+    }
+    if (d->partial_volume && r > delta - 0.5) w *= delta + 0.5 - r;
+    return w;
+}
+
+/* A body's constant arrays lie in one block; called with base NULL it only counts. */
+static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
+    size_t r = sizeof(peri_real), n = (size_t)b->count, m = (size_t)bonds, at = 0;
+    int c;
+#define PERI__PART(field, type, bytes) (b->field = (type *)(void *)(base + at), at += peri__round_up(bytes))
+    PERI__PART(row, int, (n + 1) * sizeof(int));
+    PERI__PART(col, int, m * sizeof(int));
+    for (c = 0; c < 3; c++) PERI__PART(xi[c], peri_real, m * r);
+    PERI__PART(inv_r2, peri_real, m * r);
+    PERI__PART(weight, peri_real, m * r);
+    PERI__PART(value, peri_real, m * r);
+    PERI__PART(diagonal, peri_real, n * r);
+    PERI__PART(stiffness, peri_real, n * r);
+    PERI__PART(share, peri_real, n * r);
+    PERI__PART(volume, peri_real, n * r);
+    PERI__PART(points, peri_real, 3 * n * r);
+    PERI__PART(shape, peri_real, 6 * n * r);
+    if (b->matter.m.model == PERI_MODEL_CORRESPONDENCE) PERI__PART(moment, peri_real, 21 * n * r);
+    if (b->matter.m.model == PERI_MODEL_STRETCH && b->matter.m.anisotropic) PERI__PART(gain, peri_real, m * r);
+#undef PERI__PART
+    return at;
+}
+
+/* What making a body needs besides the body itself. */
+typedef struct peri__making {
+    const peri_body_def *def;
+    double *x;              /* reference positions in the world's frame */
+    size_t x_bytes;
+    peri__grid grid;
+    double delta;           /* horizon, m */
+    int bonds;
+} peri__making;
+
+static void peri__bond_make(peri__body *b, const peri__making *make, int i, int k) {
+    const double *xi = make->x + 3 * (size_t)i, *xj = make->x + 3 * (size_t)b->col[k];
+    double r2 = 0, w;
+    int c, a;
+    for (c = 0; c < 3; c++) {
+        b->xi[c][k] = (peri_real)(xj[c] - xi[c]);
+        r2 += (double)b->xi[c][k] * (double)b->xi[c][k];
+    }
+    b->inv_r2[k] = (peri_real)(1 / r2);
+    w = peri__kernel(make->def, sqrt(r2) / b->spacing, b->horizon);
+    b->weight[k] = (peri_real)(w * (double)b->volume[i] * (double)b->volume[b->col[k]]);
+    if (b->gain) {
+        double sum = 0;
+        for (a = 0; a < 3; a++) {
+            double d = 0;
+            for (c = 0; c < 3; c++) d += (double)b->matter.m.direction[3 * c + a] * (double)b->xi[c][k];
+            sum += d * d * (double)b->matter.m.strength[a] * (double)b->matter.m.strength[a];
+        }
+        b->gain[k] = (peri_real)sqrt(sum / r2);
+    }
+}
+
+/* Pseudo-inverse of the shape tensor k (Voigt); returns its rank. */
+static int peri__pseudo_inverse(const double k[6], peri_real *out) {
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
+    double value[3], v[9], sum[6] = {0, 0, 0, 0, 0, 0};
+    int a, c, rank = 0;
+    peri_eigen3(k, value, v);
+    for (a = 0; a < 3; a++) {
+        if (!(value[a] > 1e-3 * value[2]) || !(value[2] > 0)) continue;
+        rank++;
+        for (c = 0; c < 6; c++) sum[c] += v[3 * row[c] + a] * v[3 * col[c] + a] / value[a];
+    }
+    for (c = 0; c < 6; c++) out[c] = (peri_real)sum[c];
+    return rank;
+}
+
+/* Normalisation, shape tensor and 6x6 moment of particle i. Returns its flags. */
+static int peri__family_make(peri__body *b, int i) {
+    double sum = 0, tensor[6] = {0, 0, 0, 0, 0, 0}, m[21];
+    peri_real nn[6];
+    int k, c, d, flags = 0;
+    memset(m, 0, sizeof m);
+    for (k = b->row[i]; k < b->row[i + 1]; k++) sum += (double)(b->weight[k] / b->volume[i]);
+    b->share[i] = sum > 0 ? (peri_real)(1 / sum) : 0;
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        peri__bond o;
+        double omega = (double)(b->weight[k] * b->share[i] / b->volume[i]);
+        int at = 0;
+        for (c = 0; c < 3; c++) o.xi[c] = b->xi[c][k];
+        o.inv_r2 = b->inv_r2[k];
+        peri__bond_nn(&o, nn);
+        for (c = 0; c < 6; c++) {
+            tensor[c] += omega * (double)nn[c] / (c < 3 ? 1 : 2);
+            for (d = 0; d <= c; d++) m[at++] += omega * (double)nn[c] * (double)nn[d];
+        }
+    }
+    if (peri__pseudo_inverse(tensor, b->shape + 6 * (size_t)i) < 3) flags |= PERI__FLAT;
+    if (!b->moment) return flags;
+    if (!peri_invert6(m, 1e-3)) {
+        memset(m, 0, sizeof m);
+        flags |= PERI__SINGULAR;
+    }
+    for (c = 0; c < 21; c++) b->moment[21 * (size_t)i + (size_t)c] = (peri_real)m[c];
+    return flags;
+}
+
+/* Counts the bonds; refuses points that coincide. */
+static peri_result peri__bonds_count(peri_world *w, peri__body *b, peri__making *make) {
+    double total = 0, square;
+    int i, closest;
+    for (i = 0; i < b->count; i++) {
+        total += peri__grid_near(&make->grid, make->x, i, make->delta, NULL, &closest, &square);
+        if (closest >= 0 && square < 1e-6 * b->spacing * b->spacing)
+            return peri__fail(&w->error, PERI_ERROR_GEOMETRY,
+                              "points %d and %d coincide (%g m apart, spacing %g m): remove one", i, closest,
+                              sqrt(square), b->spacing);
+        if (total + w->bonds > (double)w->def.max_bonds)
+            return peri__fail(&w->error, PERI_ERROR_LIMIT,
+                              "more than %d bonds: raise max_bonds of the world, or lower the horizon or check the spacing",
+                              w->def.max_bonds);
+    }
+    make->bonds = (int)total;
+    return PERI_OK;
+}
+
+typedef struct peri__fill {
+    peri__body *b;
+    const peri__making *make;
+    unsigned char *flags;
+    int phase;
+} peri__fill;
+
+static void peri__fill_task(int begin, int end, void *context) {
+    peri__fill *f = (peri__fill *)context;
+    double square;
+    int i, k, closest;
+    for (i = begin; i < end; i++) {
+        if (f->phase == 0) {
+            peri__grid_near(&f->make->grid, f->make->x, i, f->make->delta, f->b->col + f->b->row[i], &closest, &square);
+            for (k = f->b->row[i]; k < f->b->row[i + 1]; k++) peri__bond_make(f->b, f->make, i, k);
+        } else {
+            f->flags[i] = (unsigned char)peri__family_make(f->b, i);
+        }
+    }
+}
+
+/* Fills the block of a body: rows, bonds, families. flags: of its particles, out. */
+static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *make, unsigned char *flags) {
+    peri__fill fill;
+    double square;
+    int i, c, closest;
+    b->block_bytes = peri__block_layout(b, NULL, make->bonds);
+    b->block = peri__world_resize(NULL, 0, b->block_bytes, w);
+    if (!b->block) return peri__no_memory(w, b->block_bytes);
+    peri__block_layout(b, (char *)b->block, make->bonds);
+    b->row[0] = 0;
+    for (i = 0; i < b->count; i++) {
+        double v = make->def->volumes ? (double)make->def->volumes[i] / (b->spacing * b->spacing * b->spacing) : 1;
+        b->volume[i] = (peri_real)v;
+        for (c = 0; c < 3; c++) b->points[3 * (size_t)i + (size_t)c] = make->def->points[3 * (size_t)i + (size_t)c];
+        b->row[i + 1] = b->row[i] + peri__grid_near(&make->grid, make->x, i, make->delta, NULL, &closest, &square);
+    }
+    fill.b = b;
+    fill.make = make;
+    fill.flags = flags;
+    for (fill.phase = 0; fill.phase < 2; fill.phase++)
+        peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__fill_task, &fill);
+    return PERI_OK;
+}
+
+/* ---- implementation 6: bodies ------------------------------------------------------------------------------------ */
+
+peri_body_def peri_default_body_def(void) {
+    peri_body_def d;
+    memset(&d, 0, sizeof d);
+    d.cookie = PERI__COOKIE + 2;
+    d.horizon = PERI__R(1.75);
+    d.kernel = PERI_KERNEL_POWER;
+    d.kernel_power = PERI__R(0.7);
+    d.rotation.w = 1;
+    d.contact_radius = PERI__R(0.5);
+    return d;
+}
+
+static peri_result peri__check_quat(const char *name, peri_quat q, peri_error *err) {
+    double n2 = (double)q.x * (double)q.x + (double)q.y * (double)q.y + (double)q.z * (double)q.z +
+                (double)q.w * (double)q.w;
+    if (fabs(n2 - 1) < 2e-3) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_VALUE, "%s is (%g, %g, %g, %g), of length %g; it must be a unit quaternion", name,
+                      (double)q.x, (double)q.y, (double)q.z, (double)q.w, sqrt(n2));
+}
+
+/* Rotation matrix (rows) of a quaternion, normalised. */
+static void peri__quat_matrix(peri_quat q, double r[9]) {
+    double x = (double)q.x, y = (double)q.y, z = (double)q.z, w = (double)q.w, s = 2 / (x * x + y * y + z * z + w * w);
+    r[0] = 1 - s * (y * y + z * z); r[1] = s * (x * y - w * z); r[2] = s * (x * z + w * y);
+    r[3] = s * (x * y + w * z); r[4] = 1 - s * (x * x + z * z); r[5] = s * (y * z - w * x);
+    r[6] = s * (x * z - w * y); r[7] = s * (y * z + w * x); r[8] = 1 - s * (x * x + y * y);
+}
+
+static void peri__apply(const double r[9], const double *v, double *out) {
+    int c;
+    for (c = 0; c < 3; c++) out[c] = r[3 * c] * v[0] + r[3 * c + 1] * v[1] + r[3 * c + 2] * v[2];
+}
+
+static void peri__apply_back(const double r[9], const double *v, double *out) {
+    int c;
+    for (c = 0; c < 3; c++) out[c] = r[c] * v[0] + r[3 + c] * v[1] + r[6 + c] * v[2];
+}
+
+static void peri__cross(const double *a, const double *b, double *out) {
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static void peri__vec(peri_vec3 v, double out[3]) {
+    out[0] = (double)v.x;
+    out[1] = (double)v.y;
+    out[2] = (double)v.z;
+}
+
+static peri_result peri__check_body_arrays(const peri_body_def *d, peri_error *err) {
+    double most = 1e3 * pow((double)d->spacing, 3), least = 1e-3 * pow((double)d->spacing, 3);
+    peri_result bad = peri__finite3("points", d->points, d->count, err);
+    int i;
+    for (i = 0; i < d->count && d->volumes && !bad; i++)
+        if (!((double)d->volumes[i] > least && (double)d->volumes[i] < most))
+            bad = peri__fail(err, PERI_ERROR_VALUE, "volumes[%d] is %g m^3; it must lie between %g and %g (spacing^3 = %g)",
+                             i, (double)d->volumes[i], least, most, least * 1e3);
+    return bad;
+}
+
+static peri_result peri__check_body_def(const peri_world *w, const peri_body_def *d, peri_error *err) {
+    peri_result bad;
+    if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the body's definition is NULL");
+    if (d->cookie != PERI__COOKIE + 2)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "the body's definition was not made by peri_default_body_def");
+    if (!d->points) return peri__fail(err, PERI_ERROR_ARGUMENT, "points is NULL");
+    if (d->count < 1) return peri__fail(err, PERI_ERROR_VALUE, "count is %d; a body has at least one point", d->count);
+    if (d->count > w->def.max_particles - w->particles)
+        return peri__fail(err, PERI_ERROR_LIMIT, "%d particles and %d more pass max_particles = %d of the world",
+                          w->particles, d->count, w->def.max_particles);
+    if (!peri__slot_find(&w->materials, d->material.index1, d->material.generation))
+        return peri__fail(err, PERI_ERROR_ID, "material (%u, %u) does not exist in this world",
+                          (unsigned)d->material.index1, (unsigned)d->material.generation);
+    bad = peri__check_range("spacing", (double)d->spacing, 1e-9, 1e9, err);
+    if (!bad) bad = peri__check_range("horizon", (double)d->horizon, 1, PERI__HORIZON_MAX, err);
+    if (!bad) bad = peri__check_int("kernel", (int)d->kernel, 0, (int)PERI_KERNEL_SHIFTED, err);
+    if (!bad) bad = peri__check_range("kernel_power", (double)d->kernel_power, -4, 4, err);
+    if (!bad) bad = peri__check_range("contact_radius", (double)d->contact_radius, 0, 2, err);
+    if (!bad) bad = peri__finite_vec("position", d->position, err);
+    if (!bad) bad = peri__finite_vec("velocity", d->velocity, err);
+    if (!bad) bad = peri__finite_vec("spin", d->spin, err);
+    if (!bad) bad = peri__check_quat("rotation", d->rotation, err);
+    return bad ? bad : peri__check_body_arrays(d, err);
+}
+
+/* State of the new particles: called when nothing can fail any more. */
+static void peri__body_state(peri_world *w, peri__body *b, const peri__making *make, const unsigned char *flags) {
+    const peri_body_def *d = make->def;
+    double centre[3] = {0, 0, 0}, spin[3], velocity[3], arm[3], turn[3];
+    size_t i, at;
+    int c;
+    peri__vec(d->spin, spin);
+    peri__vec(d->velocity, velocity);
+    b->mass = 0;
+    for (i = 0; i < (size_t)b->count; i++) {
+        double m = (double)b->matter.m.density * b->bonds.unit * (double)b->volume[i];
+        w->mass[(size_t)b->first + i] = (peri_real)m;
+        b->mass += m;
+        for (c = 0; c < 3; c++) centre[c] += m * make->x[3 * i + (size_t)c];
+    }
+    for (i = 0; i < (size_t)b->count; i++) {
+        at = (size_t)b->first + i;
+        w->flags[at] = flags[i];
+        if (d->fixed && d->fixed[i]) w->flags[at] |= PERI__FIXED, b->fixed++;
+        b->singular += (flags[i] & PERI__SINGULAR) != 0;
+        w->mode[at] = flags[i] & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
+        for (c = 0; c < 3; c++) arm[c] = make->x[3 * i + (size_t)c] - centre[c] / b->mass;
+        peri__cross(spin, arm, turn);
+        for (c = 0; c < 3; c++) {
+            size_t k = 3 * at + (size_t)c;
+            w->x[k] = w->x0[k] = make->x[3 * i + (size_t)c];
+            w->out[k] = (peri_real)w->x[k];
+            w->v[k] = w->v0[k] = w->flags[at] & PERI__FIXED ? 0 : (peri_real)(velocity[c] + turn[c]);
+            if (w->wants & PERI__WANT_FORCE) w->force[k] = 0;
+        }
+    }
+}
+
+/* Everything of a new body that can fail, into *b; on failure nothing is left behind. */
+static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *make, unsigned char **flags) {
+    const peri_body_def *d = make->def;
+    double turn[9], move[3], p[3];
+    unsigned wants = PERI__WANT_STATE | PERI__WANT_SOLVE | PERI__WANT_LBFGS;
+    peri_result bad;
+    int i, c;
+    make->x_bytes = 3 * (size_t)d->count * sizeof(double);
+    make->x = (double *)peri__world_resize(NULL, 0, make->x_bytes, w);
+    if (!make->x) return peri__no_memory(w, make->x_bytes);
+    *flags = (unsigned char *)peri__world_resize(NULL, 0, (size_t)d->count, w);
+    if (!*flags) return peri__no_memory(w, (size_t)d->count);
+    peri__quat_matrix(d->rotation, turn);
+    peri__vec(d->position, move);
+    for (i = 0; i < d->count; i++) {
+        for (c = 0; c < 3; c++) p[c] = (double)d->points[3 * (size_t)i + (size_t)c];
+        peri__apply(turn, p, make->x + 3 * (size_t)i);
+        for (c = 0; c < 3; c++) make->x[3 * (size_t)i + (size_t)c] += move[c];
+    }
+    /* strictly inside the horizon, and clear of rounding where a lattice distance equals it */
+    make->delta = (double)d->horizon * (double)d->spacing * (1 - 1e-5);
+    bad = peri__grid_make(w, &make->grid, make->x, d->count, (double)d->horizon * (double)d->spacing);
+    if (!bad) bad = peri__bonds_count(w, b, make);
+    if (!bad) bad = peri__bonds_make(w, b, make, *flags);
+    if (bad) return bad;
+    if (w->def.integrator == PERI_BDF2) wants |= PERI__WANT_HISTORY;
+    for (i = 0; i < d->count; i++)
+        if ((*flags)[i] & PERI__SINGULAR) wants |= PERI__WANT_SPECIAL;
+    return peri__reserve(w, w->particles + d->count, wants, peri__model(b->matter.m.model)->stride);
+}
+
+static void peri__bonds_view(peri__body *b) {
+    peri__bonds *v = &b->bonds;
+    int c;
+    v->n = b->count;
+    v->row = b->row;
+    v->col = b->col;
+    for (c = 0; c < 3; c++) v->xi[c] = b->xi[c];
+    v->inv_r2 = b->inv_r2;
+    v->weight = b->weight;
+    v->gain = b->gain;
+    v->share = b->share;
+    v->volume = b->volume;
+    v->shape = b->shape;
+    v->moment = b->moment;
+    v->unit = b->spacing * b->spacing * b->spacing;
+}
+
+/* The bonds with the pointers that follow the particle arrays. */
+static const peri__bonds *peri__view(const peri_world *w, peri__body *b) {
+    b->bonds.mode = w->mode + b->first;
+    b->bonds.special = w->special ? w->special + 9 * (size_t)b->first : NULL;
+    return &b->bonds;
+}
+
+peri_material_id peri_material_create(peri_world *w, const peri_material *material) {
+    peri_material_id id = {0, 0};
+    peri__stored_material *slot;
+    if (!w) return id;
+    if (peri_material_check(material, &w->error)) {
+        peri__report(w, w->error.code);
+        return id;
+    }
+    slot = (peri__stored_material *)(void *)peri__slot_take(w, &w->materials);
+    if (!slot) {
+        peri__report(w, w->error.code);
+        return id;
+    }
+    slot->m = *material;
+    id.index1 = peri__slot_use(&w->materials, &slot->slot);
+    id.generation = slot->slot.generation;
+    return id;
+}
+
+peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
+    peri_body_id id = {0, 0};
+    peri__body b, *slot = NULL;
+    peri__making make;
+    unsigned char *flags = NULL;
+    peri_result bad;
+    if (!w) return id;
+    memset(&b, 0, sizeof b);
+    memset(&make, 0, sizeof make);
+    bad = peri__check_body_def(w, d, &w->error);
+    if (!bad) {
+        slot = (peri__body *)(void *)peri__slot_take(w, &w->bodies);
+        if (!slot) bad = w->error.code;
+    }
+    if (!bad) {
+        make.def = d;
+        b.first = w->particles;
+        b.count = d->count;
+        b.material = (int)d->material.index1 - 1;
+        peri__matter_make(&((peri__stored_material *)(void *)peri__slot_at(&w->materials, b.material))->m, &b.matter);
+        b.spacing = (double)d->spacing;
+        b.horizon = (double)d->horizon;
+        b.radius = (double)d->contact_radius * b.spacing;
+        b.rotation = d->rotation;
+        b.position = d->position;
+        bad = peri__body_build(w, &b, &make, &flags);
+    }
+    if (!bad) {
+        b.slot = slot->slot;
+        *slot = b;
+        peri__bonds_view(slot);
+        peri__body_state(w, slot, &make, flags);
+        w->particles += b.count;
+        w->bonds += make.bonds;
+        id.index1 = peri__slot_use(&w->bodies, &slot->slot);
+        id.generation = slot->slot.generation;
+    } else {
+        peri__drop(w, b.block, b.block_bytes);
+        peri__report(w, bad);
+    }
+    if (make.grid.start) peri__grid_free(w, &make.grid);
+    peri__drop(w, make.x, make.x_bytes);
+    if (flags) peri__drop(w, flags, (size_t)d->count);
+    return id;
+}
+
+/* Moves the particle arrays behind a removed range down. */
+static void peri__compact(peri_world *w, int first, int count) {
+    void **array[PERI__ROWS + 1];
+    size_t bytes[PERI__ROWS + 1];
+    unsigned want[PERI__ROWS + 1];
+    int n = peri__particle_rows(w, array, bytes, want), k;
+    size_t from = (size_t)first + (size_t)count, rest = (size_t)w->particles - from;
+    for (k = 0; k < n; k++)
+        if (w->row_bytes[k])
+            memmove((char *)*array[k] + (size_t)first * bytes[k], (char *)*array[k] + from * bytes[k], rest * bytes[k]);
+    w->particles -= count;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b && b->first > first) b->first -= count;
+    }
+}
+
+peri_result peri_body_destroy(peri_world *w, peri_body_id id) {
+    peri__body *b = peri__body_find(w, id);
+    int k, kept = 0, first, count, bonds;
+    if (!b) return peri__no_body(w, id);
+#ifndef PERI_NO_SKINNING
+    peri__skins_drop(w, b);
+#endif
+    for (k = 0; k < w->contact_count; k++)
+        if (w->contacts[k].body != (int)id.index1 - 1) w->contacts[kept++] = w->contacts[k];
+    w->contact_count = kept;
+    first = b->first;
+    count = b->count;
+    bonds = b->row[b->count];
+    peri__body_drop(w, b);
+    peri__slot_free(&w->bodies, &b->slot);
+    peri__compact(w, first, count);
+    w->bonds -= bonds;
+    return PERI_OK;
+}
+
+int peri_body_is_valid(const peri_world *w, peri_body_id id) { return peri__body_find(w, id) != NULL; }
+
+int peri_body_count(const peri_world *w, peri_body_id id) {
+    peri__body *b = peri__body_find(w, id);
+    return b ? b->count : 0;
+}
+
+const peri_real *peri_body_positions(const peri_world *w, peri_body_id id) {
+    peri__body *b = peri__body_find(w, id);
+    return b ? w->out + 3 * (size_t)b->first : NULL;
+}
+
+const peri_real *peri_body_velocities(const peri_world *w, peri_body_id id) {
+    peri__body *b = peri__body_find(w, id);
+    return b ? w->v + 3 * (size_t)b->first : NULL;
+}
+
+/* Checks what the setters below share; on success *out is the body. */
+static peri_result peri__range(peri_world *w, peri_body_id id, int first, int count, const char *name,
+                               const peri_real *values, peri__body **out) {
+    peri__body *b = peri__body_find(w, id);
+    peri_result bad = PERI_OK;
+    if (!b) return peri__no_body(w, id);
+    if (first < 0 || count < 0 || first > b->count - count)
+        bad = peri__fail(&w->error, PERI_ERROR_INDEX, "particles %d to %d: the body has 0 to %d", first,
+                         first + count - 1, b->count - 1);
+    else if (values) bad = peri__finite3(name, values, count, &w->error);
+    *out = b;
+    return peri__report(w, bad);
+}
+
+peri_result peri_body_set_positions(peri_world *w, peri_body_id id, int first, int count, const peri_real *x) {
+    peri__body *b;
+    peri_result bad = peri__range(w, id, first, count, "x", x, &b);
+    size_t k, at;
+    if (bad) return bad;
+    if (!x) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "x is NULL"));
+    at = 3 * (size_t)(b->first + first);
+    for (k = 0; k < 3 * (size_t)count; k++) {
+        w->x[at + k] = w->x0[at + k] = (double)x[k];
+        w->out[at + k] = x[k];
+    }
+    b->steps = 0;
+    return PERI_OK;
+}
+
+peri_result peri_body_set_velocities(peri_world *w, peri_body_id id, int first, int count, const peri_real *v) {
+    peri__body *b;
+    peri_result bad = peri__range(w, id, first, count, "v", v, &b);
+    size_t k, at;
+    if (bad) return bad;
+    if (!v) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "v is NULL"));
+    at = 3 * (size_t)(b->first + first);
+    for (k = 0; k < 3 * (size_t)count; k++)
+        if (!(w->flags[at / 3 + k / 3] & PERI__FIXED)) w->v[at + k] = w->v0[at + k] = v[k];
+    b->steps = 0;
+    return PERI_OK;
+}
+
+peri_result peri_body_set_forces(peri_world *w, peri_body_id id, int first, int count, const peri_real *f) {
+    peri__body *b;
+    peri_result bad = peri__range(w, id, first, count, "f", f, &b);
+    size_t k, at;
+    if (bad) return bad;
+    if (!f && !(w->wants & PERI__WANT_FORCE)) return PERI_OK;
+    bad = peri__reserve(w, w->particles, PERI__WANT_FORCE, 0);
+    if (bad) return peri__report(w, bad);
+    at = 3 * (size_t)(b->first + first);
+    for (k = 0; k < 3 * (size_t)count; k++) w->force[at + k] = f ? f[k] : 0;
+    return PERI_OK;
+}
+
+peri_result peri_body_set_fixed(peri_world *w, peri_body_id id, int particle, int fixed) {
+    peri__body *b;
+    peri_result bad = peri__range(w, id, particle, 1, "", NULL, &b);
+    unsigned char *flags;
+    int c;
+    if (bad) return bad;
+    flags = w->flags + b->first + particle;
+    if (!fixed == !(*flags & PERI__FIXED)) return PERI_OK;
+    *flags = (unsigned char)(fixed ? *flags | PERI__FIXED : *flags & ~(PERI__FIXED | PERI__MOVED));
+    b->fixed += fixed ? 1 : -1;
+    for (c = 0; c < 3 && fixed; c++) {
+        size_t k = 3 * (size_t)(b->first + particle) + (size_t)c;
+        w->v[k] = w->v0[k] = 0;
+    }
+    b->matrix_h = 0;
+    return PERI_OK;
+}
+
+peri_result peri_body_move(peri_world *w, peri_body_id id, int particle, peri_vec3 x) {
+    peri__body *b;
+    peri_result bad = peri__range(w, id, particle, 1, "", NULL, &b);
+    size_t at;
+    if (bad) return bad;
+    bad = peri__finite_vec("x", x, &w->error);
+    at = (size_t)(b->first + particle);
+    if (!bad && !(w->flags[at] & PERI__FIXED))
+        bad = peri__fail(&w->error, PERI_ERROR_ARGUMENT, "particle %d is free: fix it first with peri_body_set_fixed",
+                         particle);
+    if (!bad) bad = peri__reserve(w, w->particles, PERI__WANT_AIM, 0);
+    if (bad) return peri__report(w, bad);
+    peri__vec(x, w->aim + 3 * at);
+    w->flags[at] |= PERI__MOVED;
+    return PERI_OK;
+}
+
+/* ---- implementation 7: colliders ---------------------------------------------------------------------------------- */
+
+peri_collider_def peri_default_collider_def(void) {
+    peri_collider_def d;
+    memset(&d, 0, sizeof d);
+    d.cookie = PERI__COOKIE + 3;
+    d.shape = peri_shape_plane();
+    d.rotation.w = 1;
+    d.type = PERI_FRICTION_COULOMB;
+    d.friction = PERI__R(0.5);
+    return d;
+}
+
+static peri_result peri__no_collider(peri_world *w, peri_collider_id id) {
+    if (!w) return PERI_ERROR_ARGUMENT;
+    return peri__report(w, peri__fail(&w->error, PERI_ERROR_ID, "collider (%u, %u) does not exist in this world",
+                                      (unsigned)id.index1, (unsigned)id.generation));
+}
+
+static peri__collider *peri__collider_find(const peri_world *w, peri_collider_id id) {
+    return w ? (peri__collider *)(void *)peri__slot_find(&w->colliders, id.index1, id.generation) : NULL;
+}
+
+static void peri__collider_place(peri__collider *c, peri_vec3 position, peri_quat q) {
+    double length = sqrt((double)q.x * (double)q.x + (double)q.y * (double)q.y + (double)q.z * (double)q.z +
+                         (double)q.w * (double)q.w);
+    c->quat.x = (peri_real)((double)q.x / length);
+    c->quat.y = (peri_real)((double)q.y / length);
+    c->quat.z = (peri_real)((double)q.z / length);
+    c->quat.w = (peri_real)((double)q.w / length);
+    peri__vec(position, c->position);
+    peri__quat_matrix(c->quat, c->rotation);
+}
+
+static peri_result peri__check_collider(const peri_collider_def *d, peri_error *err) {
+    peri_result bad;
+    if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the collider's definition is NULL");
+    if (d->cookie != PERI__COOKIE + 3)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "the collider's definition was not made by peri_default_collider_def");
+    bad = peri__shape_check(&d->shape, 1, err);
+    if (!bad) bad = peri__finite_vec("position", d->position, err);
+    if (!bad) bad = peri__check_quat("rotation", d->rotation, err);
+    if (!bad) bad = peri__finite_vec("velocity", d->velocity, err);
+    if (!bad) bad = peri__finite_vec("spin", d->spin, err);
+    if (!bad) bad = peri__check_int("type", (int)d->type, 0, (int)PERI_FRICTION_STICK, err);
+    if (!bad) bad = peri__check_range("friction", (double)d->friction, 0, 10, err);
+    return bad;
+}
+
+peri_collider_id peri_collider_create(peri_world *w, const peri_collider_def *d) {
+    peri_collider_id id = {0, 0};
+    peri__collider *c;
+    if (!w) return id;
+    c = peri__check_collider(d, &w->error) ? NULL : (peri__collider *)(void *)peri__slot_take(w, &w->colliders);
+    if (!c) {
+        peri__report(w, w->error.code);
+        return id;
+    }
+    c->def = *d;
+    peri__collider_place(c, d->position, d->rotation);
+    id.index1 = peri__slot_use(&w->colliders, &c->slot);
+    id.generation = c->slot.generation;
+    return id;
+}
+
+peri_result peri_collider_destroy(peri_world *w, peri_collider_id id) {
+    peri__collider *c = peri__collider_find(w, id);
+    int k, kept = 0;
+    if (!c) return peri__no_collider(w, id);
+    for (k = 0; k < w->contact_count; k++)
+        if (w->contacts[k].collider != (int)id.index1 - 1) w->contacts[kept++] = w->contacts[k];
+    w->contact_count = kept;
+    peri__slot_free(&w->colliders, &c->slot);
+    return PERI_OK;
+}
+
+peri_result peri_collider_set_pose(peri_world *w, peri_collider_id id, peri_vec3 position, peri_quat rotation) {
+    peri__collider *c = peri__collider_find(w, id);
+    peri_result bad;
+    if (!c) return peri__no_collider(w, id);
+    bad = peri__finite_vec("position", position, &w->error);
+    if (!bad) bad = peri__check_quat("rotation", rotation, &w->error);
+    if (bad) return peri__report(w, bad);
+    peri__collider_place(c, position, rotation);
+    return PERI_OK;
+}
+
+peri_result peri_collider_set_velocity(peri_world *w, peri_collider_id id, peri_vec3 velocity, peri_vec3 spin) {
+    peri__collider *c = peri__collider_find(w, id);
+    peri_result bad;
+    if (!c) return peri__no_collider(w, id);
+    bad = peri__finite_vec("velocity", velocity, &w->error);
+    if (!bad) bad = peri__finite_vec("spin", spin, &w->error);
+    if (bad) return peri__report(w, bad);
+    c->def.velocity = velocity;
+    c->def.spin = spin;
+    return PERI_OK;
+}
+
+static peri_vec3 peri__to_vec(const double v[3]) {
+    peri_vec3 out;
+    out.x = (peri_real)v[0];
+    out.y = (peri_real)v[1];
+    out.z = (peri_real)v[2];
+    return out;
+}
+
+peri_result peri_collider_pose(const peri_world *w, peri_collider_id id, peri_vec3 *position, peri_quat *rotation) {
+    peri__collider *c = peri__collider_find(w, id);
+    if (!c) return w ? PERI_ERROR_ID : PERI_ERROR_ARGUMENT;
+    if (position) *position = peri__to_vec(c->position);
+    if (rotation) *rotation = c->quat;
+    return PERI_OK;
+}
+
+peri_result peri_collider_impulse(const peri_world *w, peri_collider_id id, peri_vec3 *linear, peri_vec3 *angular) {
+    peri__collider *c = peri__collider_find(w, id);
+    if (!c) return w ? PERI_ERROR_ID : PERI_ERROR_ARGUMENT;
+    if (linear) *linear = peri__to_vec(c->linear);
+    if (angular) *angular = peri__to_vec(c->angular);
+    return PERI_OK;
+}
+
+/* Pose at the end of a step of h: tan(theta/2) by its (2, 2) Pade approximant, right to 1e-3 at 2 rad a step. */
+static void peri__collider_advance(peri__collider *c, double h) {
+    double spin[3], velocity[3], x2, t, q[4], r[4], length = 0;
+    int k;
+    peri__vec(c->def.velocity, velocity);
+    peri__vec(c->def.spin, spin);
+    x2 = (spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]) * h * h / 4;
+    t = x2 < 2 ? h / 2 * (15 - x2) / (15 - 6 * x2) : h;
+    q[0] = (double)c->quat.x; q[1] = (double)c->quat.y; q[2] = (double)c->quat.z; q[3] = (double)c->quat.w;
+    peri__cross(spin, q, r);
+    for (k = 0; k < 3; k++) r[k] = q[k] + t * (spin[k] * q[3] + r[k]);
+    r[3] = q[3] - t * (spin[0] * q[0] + spin[1] * q[1] + spin[2] * q[2]);
+    for (k = 0; k < 4; k++) length += r[k] * r[k];
+    length = sqrt(length);
+    c->quat1.x = (peri_real)(r[0] / length);
+    c->quat1.y = (peri_real)(r[1] / length);
+    c->quat1.z = (peri_real)(r[2] / length);
+    c->quat1.w = (peri_real)(r[3] / length);
+    peri__quat_matrix(c->quat1, c->rotation1);
+    for (k = 0; k < 3; k++) c->position1[k] = c->position[k] + h * velocity[k];
+}
+
+/* Signed distance of a world point to a collider at its pose of the end (1) or the start (0) of the step; normal in the
+   world's frame (may be NULL). */
+static double peri__collider_distance(const peri__collider *c, int end, const double *x, double *normal) {
+    const double *position = end ? c->position1 : c->position, *rotation = end ? c->rotation1 : c->rotation;
+    double arm[3], local[3];
+    peri_vec3 gradient;
+    peri_real distance;
+    int k;
+    for (k = 0; k < 3; k++) arm[k] = x[k] - position[k];
+    peri__apply_back(rotation, arm, local);
+    distance = peri_shape_evaluate(&c->def.shape, peri__to_vec(local), normal ? &gradient : NULL);
+    if (normal) {
+        peri__vec(gradient, arm);
+        peri__apply(rotation, arm, normal);
+    }
+    return (double)distance;
+}
+
+/* ---- implementation 8: contacts -----------------------------------------------------------------------------------
+   A particle that is closer to a collider than its radius is pushed out by a stiff spring, as stiff as the particle's
+   own row of the matrix, and held along the surface by another, from the point where it first touched, up to the
+   friction times the push. Both act inside the solve, so contact and elasticity agree at the end of the step. */
+
+static peri_result peri__contact_add(peri_world *w, const peri__contact *c) {
+    if (w->contact_count == w->contact_capacity) {
+        int now = w->contact_capacity ? 2 * w->contact_capacity : 256;
+        void *data = w->contacts;
+        peri_result bad;
+        if (w->buffer) return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d contacts: raise max_particles",
+                                         w->contact_capacity);
+        bad = peri__grow(w, &data, (size_t)w->contact_capacity, (size_t)now, sizeof *c);
+        if (bad) return bad;
+        w->contacts = (peri__contact *)data;
+        w->contact_capacity = now;
+    }
+    w->contacts[w->contact_count++] = *c;
+    return PERI_OK;
+}
+
+/* Is contact a before b in the order body, collider, particle? */
+static int peri__contact_order(const peri__contact *a, const peri__contact *b) {
+    if (a->body != b->body) return a->body < b->body;
+    if (a->collider != b->collider) return a->collider < b->collider;
+    return a->particle < b->particle;
+}
+
+/* Contacts that body k may have in this step, from its first guess in x; those of the step before are met in order from
+   *before on and keep their hold. */
+static peri_result peri__contacts_find(peri_world *w, int k, int *before) {
+    peri__body *b = peri__body_at(w, k);
+    const double *x = w->x + 3 * (size_t)b->first, *x0 = w->x0 + 3 * (size_t)b->first;
+    double lower[3], upper[3], centre[3], reach = 0, margin, size = 0;
+    int i, c, at;
+    for (c = 0; c < 3; c++) lower[c] = upper[c] = x[c];
+    for (i = 0; i < 3 * b->count; i++) {
+        double move = fabs(x[i] - x0[i]);
+        if (x[i] < lower[i % 3]) lower[i % 3] = x[i];
+        if (x[i] > upper[i % 3]) upper[i % 3] = x[i];
+        if (move > reach) reach = move;
+    }
+    for (c = 0; c < 3; c++) {
+        centre[c] = (lower[c] + upper[c]) / 2;
+        size += (upper[c] - lower[c]) * (upper[c] - lower[c]) / 4;
+    }
+    margin = b->radius + b->spacing + reach;
+    for (at = 0; at < w->colliders.capacity; at++) {
+        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, at);
+        if (!collider || peri__collider_distance(collider, 1, centre, NULL) > sqrt(size) + margin) continue;
+        for (i = 0; i < b->count; i++) {
+            peri__contact contact;
+            double away[3];
+            peri_result bad;
+            if (w->flags[b->first + i] & PERI__FIXED) continue;
+            if (peri__collider_distance(collider, 1, x + 3 * (size_t)i, NULL) > margin) continue;
+            memset(&contact, 0, sizeof contact);
+            contact.body = k;
+            contact.collider = at;
+            contact.particle = i;
+            while (*before < w->contact_before_count && peri__contact_order(&w->contacts_before[*before], &contact))
+                ++*before;
+            if (*before < w->contact_before_count && !peri__contact_order(&contact, &w->contacts_before[*before])) {
+                memcpy(contact.anchor, w->contacts_before[*before].anchor, sizeof contact.anchor);
+            } else {
+                for (c = 0; c < 3; c++) away[c] = x0[3 * (size_t)i + (size_t)c] - collider->position[c];
+                peri__apply_back(collider->rotation, away, contact.anchor);
+            }
+            contact.stiffness = 0.5 * (double)b->stiffness[i] +
+                                (double)w->mass[b->first + i] / (b->matrix_h * b->matrix_h);
+            bad = peri__contact_add(w, &contact);
+            if (bad) return bad;
+        }
+    }
+    return PERI_OK;
+}
+
+static double peri__friction(const peri__collider *c) {
+    if (c->def.type == PERI_FRICTION_SLIP) return 0;
+    return c->def.type == PERI_FRICTION_STICK ? 1e30 : (double)c->def.friction;
+}
+
+/* Where friction holds a contact's particle now; slide: moved along as far as the particle has slipped. */
+static void peri__contact_hold(const peri__collider *c, const peri__contact *t, const double *x, double tangent[3],
+                               double *length, double *limit) {
+    double anchor[3], along = 0;
+    int k;
+    peri__apply(c->rotation1, t->anchor, anchor);
+    for (k = 0; k < 3; k++) {
+        tangent[k] = x[k] - anchor[k] - c->position1[k];
+        along += tangent[k] * t->normal[k];
+    }
+    *length = 0;
+    for (k = 0; k < 3; k++) {
+        tangent[k] -= along * t->normal[k];
+        *length += tangent[k] * tangent[k];
+    }
+    *length = sqrt(*length);
+    *limit = peri__friction(c) * t->pressure / t->stiffness;   /* displacement at which it slips */
+}
+
+/* Force of one contact at its particle's position x, left in the contact. */
+static void peri__contact_force(const peri_world *w, const peri__body *b, peri__contact *t, const double *x) {
+    const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, t->collider);
+    double depth = b->radius - peri__collider_distance(c, 1, x, t->normal), tangent[3], length, limit, hold;
+    int k;
+    t->touching = depth > 0;
+    t->pressure = t->touching ? t->stiffness * depth : 0;
+    for (k = 0; k < 3; k++) t->force[k] = t->pressure * t->normal[k];
+    t->energy = t->touching ? t->pressure * depth / 2 : 0;
+    if (!t->touching || c->def.type == PERI_FRICTION_SLIP) return;
+    peri__contact_hold(c, t, x, tangent, &length, &limit);
+    hold = length > limit ? limit / length : 1;
+    for (k = 0; k < 3; k++) t->force[k] -= t->stiffness * hold * tangent[k];
+    t->energy += t->stiffness * length * length * hold * (1 - hold / 2);
+}
+
+/* Keeps the touching contacts of the finished step, moves the hold of those that slipped, sums the impulses. */
+static void peri__contacts_commit(peri_world *w, double h) {
+    int k, c, kept = 0;
+    for (k = 0; k < w->contact_count; k++) {
+        peri__contact *t = &w->contacts[k];
+        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, t->collider);
+        peri__body *b = peri__body_at(w, t->body);
+        const double *x = w->x + 3 * (size_t)(b->first + t->particle);
+        double tangent[3], length, limit, hold, arm[3], turn[3];
+        if (!t->touching) continue;
+        for (c = 0; c < 3; c++) arm[c] = x[c] - collider->position1[c];
+        peri__cross(arm, t->force, turn);
+        for (c = 0; c < 3; c++) {
+            collider->linear[c] -= h * t->force[c];
+            collider->angular[c] -= h * turn[c];
+        }
+        peri__contact_hold(collider, t, x, tangent, &length, &limit);
+        hold = length > limit ? limit / length : 1;
+        for (c = 0; c < 3; c++) arm[c] -= hold * tangent[c];
+        peri__apply_back(collider->rotation1, arm, t->anchor);
+        b->touching++;
+        w->contacts[kept++] = *t;
+    }
+    w->contact_count = kept;
+}
+
+/* ---- implementation 9: forces ------------------------------------------------------------------------------------ */
+
+typedef struct peri__pass {
+    peri_world *w;
+    peri__body *b;
+    const peri__bonds *bonds;
+    const peri__model_row *row;
+    const double *x, *star;     /* of the body; star NULL: forces only */
+    peri_real *f;               /* in: where to put them; out: forces, or the gradient of the step's energy */
+    double inv_h2;
+    int energy;                 /* 1: energies too, a partial sum for every PERI__GRAIN particles in w->partial */
+} peri__pass;
+
+static peri_real *peri__coef(const peri_world *w, const peri__body *b) {
+    return w->coef + (size_t)w->stride * (size_t)b->first;
+}
+
+static void peri__local_task(int begin, int end, void *context) {
+    peri__pass *p = (peri__pass *)context;
+    int special = p->b->unhealthy || p->b->singular, next;
+    for (; begin < end; begin = next) {     /* a piece may hold several grains; the sums must not */
+        double *sum = p->w->partial + p->b->first + begin / PERI__GRAIN;
+        next = begin / PERI__GRAIN * PERI__GRAIN + PERI__GRAIN;
+        if (next > end) next = end;
+        *sum = p->row->local(p->bonds, &p->b->matter, p->x, begin, next, peri__coef(p->w, p->b), p->energy);
+        if (special) *sum += peri__special_local(p->bonds, &p->b->matter, p->x, begin, next, p->energy);
+    }
+}
+
+static void peri__force_task(int begin, int end, void *context) {
+    peri__pass *p = (peri__pass *)context;
+    const peri_real *coef = peri__coef(p->w, p->b);
+    int special = p->b->unhealthy || p->b->singular, c;
+    size_t i;
+    p->row->force(p->bonds, &p->b->matter, p->x, begin, end, coef, p->f);
+    if (special) peri__special_force(p->bonds, &p->b->matter, p->x, begin, end, p->f);
+    if (!p->star) return;
+    for (i = (size_t)begin; i < (size_t)end; i++) {
+        double mass = (double)p->w->mass[(size_t)p->b->first + i] * p->inv_h2;
+        int fixed = p->w->flags[(size_t)p->b->first + i] & PERI__FIXED;
+        for (c = 0; c < 3; c++) {
+            size_t k = 3 * i + (size_t)c;
+            p->f[k] = fixed ? 0 : (peri_real)(mass * (p->x[k] - p->star[k]) - (double)p->f[k]);
+        }
+    }
+}
+
+static void peri__pass_begin(peri__pass *p, peri_world *w, peri__body *b, peri_real *f) {
+    memset(p, 0, sizeof *p);
+    p->w = w;
+    p->b = b;
+    p->bonds = peri__view(w, b);
+    p->row = peri__model(b->matter.m.model);
+    p->x = w->x + 3 * (size_t)b->first;
+    p->f = f;
+}
+
+/* Elastic forces, or the gradient of the step's energy when star is set; returns the elastic energy if asked for. */
+static double peri__pass_run(peri__pass *p) {
+    double sum = 0;
+    int k;
+    peri_parallel_for(&p->w->def.parallel, p->b->count, PERI__GRAIN, peri__local_task, p);
+    peri_parallel_for(&p->w->def.parallel, p->b->count, PERI__GRAIN, peri__force_task, p);
+    for (k = 0; k < p->b->count && p->energy; k += PERI__GRAIN) sum += p->w->partial[p->b->first + k / PERI__GRAIN];
+    return sum;
+}
+
+/* Elastic energy of particles begin .. end - 1 of a body at its present positions, J. */
+static double peri__elastic(peri_world *w, peri__body *b, int begin, int end) {
+    peri__pass p;
+    double sum;
+    peri__pass_begin(&p, w, b, NULL);
+    sum = p.row->local(p.bonds, &b->matter, p.x, begin, end, peri__coef(w, b), 1);
+    if (b->unhealthy || b->singular) sum += peri__special_local(p.bonds, &b->matter, p.x, begin, end, 1);
+    return sum;
+}
+
+/* ---- implementation 10: health ----------------------------------------------------------------------------------- */
+
+typedef struct peri__health {
+    peri_world *w;
+    peri__body *b;
+    const peri__bonds *bonds;
+    int fill;       /* second pass: shapes of the unhealthy into special */
+} peri__health;
+
+static void peri__health_task(int begin, int end, void *context) {
+    peri__health *p = (peri__health *)context;
+    const double *x = p->w->x0 + 3 * (size_t)p->b->first;
+    unsigned char *mode = p->w->mode + p->b->first;
+    double f[9], h[6];
+    peri_real fhat[9];
+    int i, k, correspondence = p->b->moment != NULL;
+    for (i = begin; i < end; i++) {
+        unsigned char flags = p->w->flags[p->b->first + i];
+        if (p->fill ? mode[i] != PERI__RESTORED : (flags & (PERI__FLAT | PERI__SINGULAR)) != 0) {
+            if (!p->fill) mode[i] = flags & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
+            continue;
+        }
+        peri__gradient(p->bonds, x, i, f);
+        if (correspondence) peri__strain(p->bonds, x, i, h);
+        mode[i] = peri__unhealthy(&p->b->matter, f, correspondence ? h : NULL, fhat) ? PERI__RESTORED : PERI__MAIN;
+        for (k = 0; k < 9 && p->fill; k++) p->w->special[9 * (size_t)(p->b->first + i) + (size_t)k] = fhat[k];
+    }
+}
+
+/* Which particles are out of shape at the start of the step. */
+static peri_result peri__health_check(peri_world *w, peri__body *b) {
+    peri__health p;
+    peri_result bad = PERI_OK;
+    int i;
+    p.w = w;
+    p.b = b;
+    p.bonds = peri__view(w, b);
+    p.fill = 0;
+    peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__health_task, &p);
+    for (b->unhealthy = 0, i = 0; i < b->count; i++) b->unhealthy += w->mode[b->first + i] == PERI__RESTORED;
+    if (!b->unhealthy) return PERI_OK;
+    bad = peri__reserve(w, w->particles, PERI__WANT_SPECIAL, 0);
+    p.fill = 1;
+    if (!bad) peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__health_task, &p);
+    return bad;
+}
+
+/* ---- implementation 11: the constant matrix (PP section 4.1, SH (23)) --------------------------------------------
+   M/h^2 + scale * the weighted Laplacian of the bonds. It only steers the iteration: the answer is that of the forces,
+   so a matrix made for a slightly different step, or without the newest contact, still serves. */
+
+static void peri__matrix_values(peri_world *w, peri__body *b, double h) {
+    const unsigned char *flags = w->flags + b->first;
+    double unit = b->bonds.unit, scale = (double)w->def.matrix_scale, ratio;
+    int i, k;
+    b->chebyshev_low = 1;
+    for (i = 0; i < b->count; i++) {
+        double sum = 0, mass = (double)w->mass[b->first + i] / (h * h);
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            int j = b->col[k];
+            double gain = b->gain ? (double)b->gain[k] : 1;
+            double value = unit * (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[j])) *
+                           (b->matter.stiffness_g + gain * b->matter.stiffness_h);
+            sum += value;
+            b->value[k] = flags[i] & PERI__FIXED || flags[j] & PERI__FIXED ? 0 : (peri_real)(-scale * value);
+        }
+        b->stiffness[i] = (peri_real)sum;
+        b->diagonal[i] = (peri_real)(mass + scale * sum);
+        ratio = mass / (mass + scale * sum);
+        if (ratio < b->chebyshev_low) b->chebyshev_low = ratio;
+    }
+    b->matrix_h = h;
+}
+
+static peri_matrix peri__matrix(const peri__body *b) {
+    peri_matrix a;
+    a.n = b->count;
+    a.row = b->row;
+    a.col = b->col;
+    a.value = b->value;
+    a.diagonal = b->diagonal;
+    return a;
+}
+
+#define PERI__CHOLESKY_MOST 60000   /* particles up to which AUTO factorises: beyond, L is too large to be worth it */
+
+#ifndef PERI_NO_CHOLESKY
+/* Factorises; where that is impossible AUTO falls back on Chebyshev. */
+static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
+    peri_matrix a = peri__matrix(b);
+    peri_allocator memory = peri__memory(w);
+    peri_error err;
+    peri_result bad = PERI_OK;
+    if (!b->factor) {
+        bad = peri_cholesky_create(&a, b->points, &memory, &b->factor, &err);
+        if (!bad) w->stats.factor_bytes += peri_cholesky_bytes(b->factor);
+    }
+    if (!bad) bad = peri_cholesky_factor(b->factor, &a, &err);
+    if (!bad) {
+        w->stats.factors++;
+        return PERI_OK;
+    }
+    if (w->def.solver == PERI_SOLVER_AUTO && (bad == PERI_ERROR_MEMORY || bad == PERI_ERROR_LIMIT)) {
+        b->solver = PERI_SOLVER_CHEBYSHEV;
+        if (w->def.log) w->def.log("no room for a Cholesky factor: Chebyshev is used instead", w->def.user);
+        return peri__reserve(w, w->particles, PERI__WANT_CHEBYSHEV, 0);
+    }
+    w->error = err;
+    return bad;
+}
+#endif
+
+/* Makes the matrix ready for a step whose effective length is h. */
+static peri_result peri__matrix_prepare(peri_world *w, peri__body *b, double h) {
+    double start = peri__clock(w);
+    peri_result bad = PERI_OK;
+    if (b->matrix_h > 0 && h < 1.25 * b->matrix_h && h > 0.8 * b->matrix_h) return PERI_OK;
+    if (b->solver == PERI_SOLVER_AUTO) {
+        b->solver = w->def.solver;
+        if (b->solver == PERI_SOLVER_AUTO)
+            b->solver = b->count <= PERI__CHOLESKY_MOST ? PERI_SOLVER_CHOLESKY : PERI_SOLVER_CHEBYSHEV;
+#ifdef PERI_NO_CHOLESKY
+        if (b->solver == PERI_SOLVER_CHOLESKY) b->solver = PERI_SOLVER_CHEBYSHEV;
+#endif
+    }
+    peri__matrix_values(w, b, h);
+    if (b->solver == PERI_SOLVER_CHEBYSHEV) bad = peri__reserve(w, w->particles, PERI__WANT_CHEBYSHEV, 0);
+#ifndef PERI_NO_CHOLESKY
+    if (b->solver == PERI_SOLVER_CHOLESKY) bad = peri__matrix_factor(w, b);
+#endif
+    if (bad) b->matrix_h = 0;
+    w->stats.profile.factor += 1e3 * (peri__clock(w) - start);
+    return bad;
+}
+
+typedef struct peri__solver_context {
+    peri_world *w;
+    peri__body *b;
+} peri__solver_context;
+
+/* p = P^-1 g: the global step (peri_precondition). */
+static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
+    peri__solver_context *s = (peri__solver_context *)context;
+    peri_world *w = s->w;
+    peri__body *b = s->b;
+    peri_matrix a = peri__matrix(b);
+    size_t k, n = 3 * (size_t)b->count;
+    peri_real *work = w->work + (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * (size_t)b->first;
+    double start = peri__clock(w), low, scale = (double)w->def.matrix_scale;
+    switch (b->solver) {
+    case PERI_SOLVER_JACOBI: peri_jacobi3(&a, &w->def.parallel, g, p); break;
+    case PERI_SOLVER_POSITION:
+        /* every bond offers both its ends half of the way: twice the stiffness in the average's denominator */
+        for (k = 0; k < n; k++) p[k] = g[k] / (b->diagonal[k / 3] + (peri_real)scale * b->stiffness[k / 3]);
+        break;
+    case PERI_SOLVER_CHEBYSHEV:
+        /* degree s resolves a condition number of about s^2: asking for more wastes it on the few smoothest modes */
+        low = 2.0 / (w->def.sweeps * w->def.sweeps);
+        if (low < b->chebyshev_low) low = b->chebyshev_low;
+        if (low > 1.8) low = 1.8;
+        peri_chebyshev3(&a, &w->def.parallel, w->def.sweeps, low, 2, g, p, work);
+        break;
+    case PERI_SOLVER_AUTO:
+    case PERI_SOLVER_CHOLESKY:
+#ifndef PERI_NO_CHOLESKY
+        memcpy(p, g, n * sizeof *p);
+        peri_cholesky_solve(b->factor, 3, p, work);
+#endif
+        break;
+    }
+    w->stats.profile.global += 1e3 * (peri__clock(w) - start);
+}
+
+/* ---- implementation 12: the solve --------------------------------------------------------------------------------
+   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contact of one body: quasi-Newton on the constant matrix (SH section 5.2; for
+   the projective model this is PP's local/global iteration), L-BFGS over it, and a line search on the slope, because a
+   difference of energies in float is noise. */
+
+typedef struct peri__solve {
+    peri_world *w;
+    peri__body *b;
+    peri__pass pass;
+    peri__solver_context context;
+    peri_lbfgs lbfgs;
+    peri_real *g, *g1, *p, *change, *scratch;
+    double *x, *base;
+    int contact_begin, contact_end;
+    int n;                      /* 3 count */
+    int evaluations;
+    double energy, energy1;     /* at x, at the trial */
+} peri__solve;
+
+/* Gradient at s->x into out, energy into *energy; returns 0 when they are not finite. */
+static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
+    double start = peri__clock(s->w), inertia = 0;
+    int k, c;
+    s->pass.f = out;
+    s->pass.energy = 1;
+    *energy = peri__pass_run(&s->pass);
+    for (k = 0; k < s->n; k++) {
+        double away = s->x[k] - s->pass.star[k];
+        inertia += (double)s->w->mass[s->b->first + k / 3] * away * away;
+    }
+    *energy += inertia * s->pass.inv_h2 / 2;
+    for (k = s->contact_begin; k < s->contact_end; k++) {
+        peri__contact *t = &s->w->contacts[k];
+        peri__contact_force(s->w, s->b, t, s->x + 3 * (size_t)t->particle);
+        for (c = 0; c < 3; c++) out[3 * (size_t)t->particle + (size_t)c] -= (peri_real)t->force[c];
+        *energy += t->energy;
+    }
+    s->evaluations++;
+    s->w->stats.profile.local += 1e3 * (peri__clock(s->w) - start);
+    return peri__finite(*energy) && peri__finite(peri_dot(&s->w->def.parallel, s->n, out, out));
+}
+
+static double peri__largest(const peri_real *p, int n) {
+    double largest = 0;
+    int k;
+    for (k = 0; k < n; k += 3) {
+        double square = (double)p[k] * (double)p[k] + (double)p[k + 1] * (double)p[k + 1] +
+                        (double)p[k + 2] * (double)p[k + 2];
+        if (square > largest) largest = square;
+    }
+    return sqrt(largest);
+}
+
+#define PERI__NOISE (sizeof(peri_real) > 4 ? 1e-12 : 1e-6)      /* of an energy, relative */
+
+/* Goes along p from where x is, as far as the slope allows; leaves the gradient there in g1. Returns the share of p that
+   was gone, 0 when no share would do. */
+static double peri__search(peri__solve *s) {
+    const peri_parallel *par = &s->w->def.parallel;
+    double slope = peri_dot(par, s->n, s->g, s->p), alpha = 1, slope1, shrink, noise = PERI__NOISE * fabs(s->energy);
+    int tries, k;
+    memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
+    for (tries = 0; tries < 14; tries++) {
+        for (k = 0; k < s->n; k++) s->x[k] = s->base[k] + alpha * (double)s->p[k];
+        shrink = 0.25;
+        if (peri__evaluate(s, s->g1, &s->energy1)) {
+            slope1 = peri_dot(par, s->n, s->g1, s->p);
+            if (slope1 <= 0.9 * fabs(slope) && s->energy1 <= s->energy + noise) return alpha;
+            shrink = slope1 > 0 ? slope / (slope - slope1) : 0.5;
+        }
+        alpha *= shrink < 0.1 ? 0.1 : shrink > 0.6 ? 0.6 : shrink;
+    }
+    memcpy(s->x, s->base, (size_t)s->n * sizeof *s->x);
+    return 0;
+}
+
+/* One quasi-Newton step from the gradient in g: direction, search, memory. *length: the correction, m. Returns 0 when
+   it is below the tolerance or nothing better was found. */
+static int peri__iterate(peri__solve *s, double tolerance, double *length) {
+    const peri_parallel *par = &s->w->def.parallel;
+    peri_real *swap;
+    double alpha;
+    int k;
+    peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->scratch, peri__global_step, &s->context);
+    if (!(peri_dot(par, s->n, s->g, s->p) < 0)) {
+        peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
+        peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->scratch, peri__global_step, &s->context);
+    }
+    *length = peri__largest(s->p, s->n);
+    if (*length <= tolerance) return 0;
+    alpha = peri__search(s);
+    if (!(alpha > 0)) {
+        if (!s->lbfgs.used) return 0;
+        peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
+        return 1;
+    }
+    for (k = 0; k < s->n; k++) {
+        s->change[k] = (peri_real)alpha * s->p[k];
+        s->g[k] = s->g1[k] - s->g[k];
+    }
+    peri_lbfgs_push(&s->lbfgs, par, s->change, s->g);
+    swap = s->g;
+    s->g = s->g1;
+    s->g1 = swap;
+    s->energy = s->energy1;
+    return 1;
+}
+
+static void peri__solve_begin(peri__solve *s, peri_world *w, peri__body *b, double inv_h2) {
+    size_t at = 3 * (size_t)b->first;
+    memset(s, 0, sizeof *s);
+    s->w = w;
+    s->b = b;
+    s->n = 3 * b->count;
+    s->x = w->x + at;
+    s->base = w->base + at;
+    s->g = w->g + at;
+    s->g1 = w->g1 + at;
+    s->p = w->p + at;
+    s->change = w->change + at;
+    s->scratch = w->change + at;
+    s->context.w = w;
+    s->context.b = b;
+    peri__pass_begin(&s->pass, w, b, s->g);
+    s->pass.star = w->star + at;
+    s->pass.inv_h2 = inv_h2;
+    peri_lbfgs_begin(&s->lbfgs, s->n, w->def.lbfgs, w->history ? w->history + 2 * (size_t)w->def.lbfgs * at : NULL);
+}
+
+/* Solves body b; x holds the first guess and then the answer. */
+static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_begin, double h) {
+    peri__solve s;
+    double tolerance = (double)w->def.tolerance * b->spacing, length = 0, residual;
+    int iterations = 0, going = 1;
+    peri__solve_begin(&s, w, b, 1 / (h * h));
+    s.contact_begin = contact_begin;
+    s.contact_end = w->contact_count;
+    if (!peri__evaluate(&s, s.g, &s.energy))
+        return peri__fail(&w->error, PERI_ERROR_NUMERIC,
+                          "the forces of body %d are not finite: check its forces, its law and the time step",
+                          (int)(((char *)b - w->bodies.data) / (ptrdiff_t)w->bodies.element));
+    while (going && iterations < w->def.max_iterations) {
+        going = peri__iterate(&s, tolerance, &length);
+        iterations += going;
+    }
+    residual = sqrt(peri_dot(&w->def.parallel, s.n, s.g, s.g) / b->count);
+    if (iterations > w->stats.iterations) w->stats.iterations = iterations;
+    if (s.evaluations > w->stats.evaluations) w->stats.evaluations = s.evaluations;
+    if (length > w->stats.correction) w->stats.correction = length;
+    if (residual > w->stats.residual) w->stats.residual = residual;
+    if (length <= tolerance) return PERI_OK;
+    w->stats.converged = 0;
+    if (!w->def.cap_is_error) return PERI_OK;
+    return peri__fail(&w->error, PERI_ERROR_CONVERGENCE,
+                      "after %d iterations particles still move by %g m (tolerance %g m): raise max_iterations or "
+                      "tolerance, or take a smaller step", iterations, length, tolerance);
+}
+
+/* ---- implementation 13: the step --------------------------------------------------------------------------------- */
+
+/* Coefficients of the integrator for body b: x* = c1 x - c2 x_before + ..., effective step beta dt. */
+typedef struct peri__scheme {
+    double c1, c2, beta;
+} peri__scheme;
+
+static peri__scheme peri__scheme_of(const peri_world *w, const peri__body *b, double dt) {
+    peri__scheme s = {1, 0, 1};
+    if (w->def.integrator == PERI_BDF2 && b->steps > 0 && b->step_before > 0) {
+        double r = dt / b->step_before;
+        if (r > 4 || r < 0.25) return s;     /* variable-step BDF2 is stable below 1 + sqrt 2; beyond, start anew */
+        if (r > 2.4) r = 2.4;
+        s.c1 = (1 + r) * (1 + r) / (1 + 2 * r);
+        s.c2 = r * r / (1 + 2 * r);
+        s.beta = (1 + r) / (1 + 2 * r);
+    }
+    return s;
+}
+
+/* x* of the step, and the first guess x + h v + the last change of velocity times h, in x. */
+static void peri__predict(peri_world *w, peri__body *b, double dt) {
+    peri__scheme s = peri__scheme_of(w, b, dt);
+    double h = s.beta * dt, gravity[3];
+    size_t i, k, end = (size_t)b->first + (size_t)b->count;
+    int c;
+    peri__vec(w->def.gravity, gravity);
+    for (i = (size_t)b->first; i < end; i++)
+        for (c = 0; c < 3; c++) {
+            double x, v, v0, a = gravity[c], before;
+            k = 3 * i + (size_t)c;
+            if (w->flags[i] & PERI__FIXED) {
+                w->star[k] = w->x[k] = w->flags[i] & PERI__MOVED ? w->aim[k] : w->x0[k];
+                continue;
+            }
+            x = w->x0[k];
+            v = (double)w->v[k];
+            v0 = (double)w->v0[k];
+            before = s.c2 > 0 ? w->back[k] : 0;
+            if (w->wants & PERI__WANT_FORCE) a += (double)w->force[k] / (double)w->mass[i];
+            w->star[k] = s.c1 * x - s.c2 * before + h * (s.c1 * v - s.c2 * v0) + h * h * a;
+            w->x[k] = x + dt * (v + (b->steps > 0 ? v - v0 : dt * a));
+        }
+}
+
+/* New velocities from the solved positions; history moves on. */
+static void peri__body_commit(peri_world *w, peri__body *b, double dt) {
+    peri__scheme s = peri__scheme_of(w, b, dt);
+    size_t i, k, end = (size_t)b->first + (size_t)b->count;
+    int c;
+    for (i = (size_t)b->first; i < end; i++) {
+        for (c = 0; c < 3; c++) {
+            double v;
+            k = 3 * i + (size_t)c;
+            v = (w->x[k] - w->x0[k]) / dt;
+            if (s.c2 > 0 && !(w->flags[i] & PERI__FIXED))
+                v = (w->x[k] - s.c1 * w->x0[k] + s.c2 * w->back[k]) / (s.beta * dt);
+            w->v0[k] = w->v[k];
+            w->v[k] = (peri_real)v;
+            w->out[k] = (peri_real)w->x[k];
+        }
+        w->flags[i] = (unsigned char)(w->flags[i] & ~PERI__MOVED);
+    }
+    b->steps++;
+    b->step_before = dt;
+}
+
+/* Momentum and angular momentum about the centre of mass (given) of a body at positions x with velocities v. */
+static void peri__momenta(const peri_world *w, const peri__body *b, const double *x, const peri_real *v,
+                          const double centre[3], double p[3], double l[3]) {
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    int c;
+    for (c = 0; c < 3; c++) p[c] = l[c] = 0;
+    for (i = (size_t)b->first; i < end; i++) {
+        double m = (double)w->mass[i], arm[3], speed[3], turn[3];
+        for (c = 0; c < 3; c++) {
+            arm[c] = x[3 * i + (size_t)c] - centre[c];
+            speed[c] = (double)v[3 * i + (size_t)c];
+        }
+        peri__cross(arm, speed, turn);
+        for (c = 0; c < 3; c++) {
+            p[c] += m * speed[c];
+            l[c] += m * turn[c];
+        }
+    }
+}
+
+static void peri__centre(const peri_world *w, const peri__body *b, const double *x, double centre[3]) {
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    int c;
+    for (c = 0; c < 3; c++) centre[c] = 0;
+    for (i = (size_t)b->first; i < end; i++)
+        for (c = 0; c < 3; c++) centre[c] += (double)w->mass[i] * x[3 * i + (size_t)c];
+    for (c = 0; c < 3; c++) centre[c] /= b->mass;
+}
+
+/* Inertia tensor about centre (Voigt, of the positions x). */
+static void peri__inertia(const peri_world *w, const peri__body *b, const double *x, const double centre[3], double t[9]) {
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    int c, d;
+    for (c = 0; c < 9; c++) t[c] = 0;
+    for (i = (size_t)b->first; i < end; i++) {
+        double m = (double)w->mass[i], a[3], square = 0;
+        for (c = 0; c < 3; c++) {
+            a[c] = x[3 * i + (size_t)c] - centre[c];
+            square += a[c] * a[c];
+        }
+        for (c = 0; c < 3; c++)
+            for (d = 0; d < 3; d++) t[3 * c + d] += m * ((c == d ? square : 0) - a[c] * a[d]);
+    }
+}
+
+/* What a free body's momenta must be after the step: those before it plus the impulses of the outer forces. */
+static void peri__momenta_due(const peri_world *w, const peri__body *b, double dt, double p[3], double l[3]) {
+    double centre[3], gravity[3], at[3];
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    int c;
+    peri__centre(w, b, w->x0, centre);
+    peri__momenta(w, b, w->x0, w->v, centre, p, l);
+    peri__vec(w->def.gravity, gravity);
+    for (c = 0; c < 3; c++) p[c] += dt * b->mass * gravity[c];
+    if (!(w->wants & PERI__WANT_FORCE)) return;
+    peri__centre(w, b, w->x, centre);
+    for (i = (size_t)b->first; i < end; i++) {
+        double force[3], arm[3], turn[3];
+        for (c = 0; c < 3; c++) {
+            at[c] = w->x[3 * i + (size_t)c];
+            arm[c] = at[c] - centre[c];
+            force[c] = (double)w->force[3 * i + (size_t)c];
+            p[c] += dt * force[c];
+        }
+        peri__cross(arm, force, turn);
+        for (c = 0; c < 3; c++) l[c] += dt * turn[c];
+    }
+}
+
+/* Backward Euler loses rotation at a rate of dt (spin)^2, and an iteration that stops at a tolerance leaves a little of
+   everything. A body that touches nothing is given the rigid velocity that sets both momenta right. */
+static void peri__keep_momenta(peri_world *w, peri__body *b, const double p_due[3], const double l_due[3]) {
+    double centre[3], p[3], l[3], inertia[9], inverse[9], spin[3], lost[3], det, scale = 0;
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    int c;
+    peri__centre(w, b, w->x, centre);
+    peri__momenta(w, b, w->x, w->v, centre, p, l);
+    peri__inertia(w, b, w->x, centre, inertia);
+    det = peri_det3(inertia);
+    for (c = 0; c < 9; c += 4) scale += inertia[c] / 3;
+    for (c = 0; c < 3; c++) {
+        lost[c] = l_due[c] - l[c];
+        spin[c] = 0;
+    }
+    if (det > 1e-9 * scale * scale * scale) {       /* a rod along an axis has none about it: leave that alone */
+        peri_adjugate3(inertia, inverse);
+        peri__apply(inverse, lost, spin);
+        for (c = 0; c < 3; c++) spin[c] /= det;
+    }
+    for (i = (size_t)b->first; i < end; i++) {
+        double arm[3], turn[3];
+        for (c = 0; c < 3; c++) arm[c] = w->x[3 * i + (size_t)c] - centre[c];
+        peri__cross(spin, arm, turn);
+        for (c = 0; c < 3; c++) {
+            size_t k = 3 * i + (size_t)c;
+            w->v[k] = (peri_real)((double)w->v[k] + turn[c] + (p_due[c] - p[c]) / b->mass);
+        }
+    }
+}
+
+/* begin: check, predict, what is needed to go back is in x0. */
+static peri_result peri__step_begin(peri_world *w, double dt) {
+    peri_result bad = PERI_OK;
+    peri__contact *swap = w->contacts;
+    int k, size = w->contact_capacity, before = 0;
+    w->contacts = w->contacts_before;
+    w->contact_capacity = w->contact_before_capacity;
+    w->contacts_before = swap;
+    w->contact_before_capacity = size;
+    w->contact_before_count = w->contact_count;
+    w->contact_count = 0;
+    for (k = 0; k < w->colliders.capacity; k++) {
+        peri__collider *c = (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
+        if (c) peri__collider_advance(c, dt);
+    }
+    for (k = 0; k < w->bodies.capacity && !bad; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        peri__predict(w, b, dt);
+        bad = peri__health_check(w, b);
+        if (!bad) bad = peri__matrix_prepare(w, b, peri__scheme_of(w, b, dt).beta * dt);
+        if (!bad && w->colliders.count) bad = peri__contacts_find(w, k, &before);
+    }
+    return bad;
+}
+
+/* solve: the elastic energies and the contacts to the tolerance, body by body. */
+static peri_result peri__step_solve(peri_world *w, double dt) {
+    int k, contact = 0, end, all = w->contact_count;
+    peri_result bad = PERI_OK;
+    for (k = 0; k < w->bodies.capacity && !bad; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        for (end = contact; end < all && w->contacts[end].body == k; end++) {}
+        w->contact_count = end;
+        bad = peri__solve_body(w, b, contact, peri__scheme_of(w, b, dt).beta * dt);
+        contact = end;
+    }
+    w->contact_count = all;
+    return bad;
+}
+
+/* commit: velocities, contacts, colliders. */
+static void peri__step_commit(peri_world *w, double dt) {
+    int k, c;
+    for (k = 0; k < w->colliders.capacity; k++) {
+        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
+        for (c = 0; c < 3 && collider; c++) collider->linear[c] = collider->angular[c] = 0;
+    }
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b) b->touching = 0;
+    }
+    peri__contacts_commit(w, dt);
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        double p[3], l[3];
+        size_t at, n;
+        int keep;
+        if (!b) continue;
+        keep = w->def.keep_momentum && !b->fixed && !b->touching;
+        if (keep) peri__momenta_due(w, b, dt, p, l);
+        peri__body_commit(w, b, dt);
+        if (keep) peri__keep_momenta(w, b, p, l);
+        at = 3 * (size_t)b->first;
+        n = 3 * (size_t)b->count * sizeof *w->x;
+        if (w->def.integrator == PERI_BDF2) memcpy(w->back + at, w->x0 + at, n);
+        memcpy(w->x0 + at, w->x + at, n);
+        w->stats.unhealthy += b->unhealthy;
+    }
+    for (k = 0; k < w->colliders.capacity; k++) {
+        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
+        if (!collider) continue;
+        memcpy(collider->position, collider->position1, sizeof collider->position);
+        memcpy(collider->rotation, collider->rotation1, sizeof collider->rotation);
+        collider->quat = collider->quat1;
+    }
+}
+
+static void peri__step_undo(peri_world *w) {
+    peri__contact *swap = w->contacts;
+    int size = w->contact_capacity;
+    if (w->particles) memcpy(w->x, w->x0, 3 * (size_t)w->particles * sizeof *w->x);
+    w->contacts = w->contacts_before;
+    w->contact_capacity = w->contact_before_capacity;
+    w->contacts_before = swap;
+    w->contact_before_capacity = size;
+    w->contact_count = w->contact_before_count;
+    w->stats.undone++;
+}
+
+peri_result peri_world_step(peri_world *w, peri_real dt) {
+    double start, mark;
+    peri_result bad;
+    if (!w) return PERI_ERROR_ARGUMENT;
+    bad = peri__check_range("dt", (double)dt, 1e-12, 1e12, &w->error);
+    if (bad) return peri__report(w, bad);
+    memset(&w->stats.profile, 0, sizeof w->stats.profile);
+    w->stats.iterations = w->stats.evaluations = w->stats.unhealthy = 0;
+    w->stats.correction = w->stats.residual = 0;
+    w->stats.converged = 1;
+    start = mark = peri__clock(w);
+    bad = peri__step_begin(w, (double)dt);
+    w->stats.profile.begin = 1e3 * (peri__clock(w) - mark);
+    mark = peri__clock(w);
+    if (!bad) bad = peri__step_solve(w, (double)dt);
+    w->stats.profile.solve = 1e3 * (peri__clock(w) - mark);
+    w->stats.profile.search = w->stats.profile.solve - w->stats.profile.local - w->stats.profile.global;
+    mark = peri__clock(w);
+    if (bad) peri__step_undo(w);
+    else peri__step_commit(w, (double)dt);
+    w->stats.profile.commit = 1e3 * (peri__clock(w) - mark);
+    w->stats.profile.total = 1e3 * (peri__clock(w) - start);
+    return peri__report(w, bad);
+}
+
+static uint64_t peri__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
+    const unsigned char *p = (const unsigned char *)data;
+    size_t k;
+    for (k = 0; k < bytes; k++) hash = (hash ^ p[k]) * 1099511628211ull;
+    return hash;
+}
+
+uint64_t peri_world_hash(const peri_world *w) {
+    uint64_t hash = 14695981039346656037ull;
+    size_t n;
+    int k;
+    if (!w) return 0;
+    n = 3 * (size_t)w->particles;
+    hash = peri__hash_bytes(hash, w->x, n * sizeof *w->x);
+    hash = peri__hash_bytes(hash, w->v, n * sizeof *w->v);
+    hash = peri__hash_bytes(hash, w->v0, n * sizeof *w->v0);
+    hash = peri__hash_bytes(hash, w->flags, (size_t)w->particles);
+    for (k = 0; k < w->colliders.capacity; k++) {
+        const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, k);
+        if (!c) continue;
+        hash = peri__hash_bytes(hash, c->position, sizeof c->position);
+        hash = peri__hash_bytes(hash, &c->quat, sizeof c->quat);
+    }
+    for (k = 0; k < w->contact_count; k++)
+        hash = peri__hash_bytes(hash, w->contacts[k].anchor, sizeof w->contacts[k].anchor);
+    return hash;
+}
+
+/* ---- implementation 14: looking ---------------------------------------------------------------------------------- */
+
+static void peri__measure_body(peri_world *w, peri__body *b, peri_measure *out) {
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    double gravity[3];
+    int c;
+    peri__vec(w->def.gravity, gravity);
+    for (i = (size_t)b->first; i < end; i++) {
+        double m = (double)w->mass[i], turn[3], v[3];
+        const double *x = w->x + 3 * i;
+        for (c = 0; c < 3; c++) v[c] = (double)w->v[3 * i + (size_t)c];
+        peri__cross(x, v, turn);
+        for (c = 0; c < 3; c++) {
+            out->centre[c] += m * x[c];
+            out->momentum[c] += m * v[c];
+            out->angular_momentum[c] += m * turn[c];
+            out->kinetic += m * v[c] * v[c] / 2;
+            out->potential -= m * gravity[c] * x[c];
+            if (x[c] < out->lower[c]) out->lower[c] = x[c];
+            if (x[c] > out->upper[c]) out->upper[c] = x[c];
+        }
+        out->mass += m;
+    }
+    for (i = 0; i < (size_t)b->count; i += PERI__GRAIN)
+        out->elastic += peri__elastic(w, b, (int)i, b->count < (int)i + PERI__GRAIN ? b->count : (int)i + PERI__GRAIN);
+}
+
+peri_result peri_body_measure(peri_world *w, peri_body_id id, peri_measure *out) {
+    int k, c, all = !id.index1 && !id.generation;
+    if (!w) return PERI_ERROR_ARGUMENT;
+    if (!out) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "out is NULL"));
+    if (!all && !peri__body_find(w, id)) return peri__no_body(w, id);
+    memset(out, 0, sizeof *out);
+    for (c = 0; c < 3; c++) out->lower[c] = 1e300, out->upper[c] = -1e300;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b && (all || k == (int)id.index1 - 1)) peri__measure_body(w, b, out);
+    }
+    for (c = 0; c < 3; c++) {
+        if (out->mass > 0) out->centre[c] /= out->mass;
+        else out->lower[c] = out->upper[c] = 0;
+    }
+    return PERI_OK;
+}
+
+peri_result peri_body_forces(peri_world *w, peri_body_id id, peri_real *f) {
+    peri__body *b = peri__body_find(w, id);
+    peri__pass p;
+    if (!b) return peri__no_body(w, id);
+    if (!f) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "f is NULL"));
+    peri__pass_begin(&p, w, b, f);
+    peri__pass_run(&p);
+    return PERI_OK;
+}
+
+/* Kirchhoff stress J sigma of particle i: the virial of its own energy, sum of pull (x) y over its bonds, per volume.
+   The coefficients of the last local pass are used. */
+static void peri__virial(peri__pass *p, int i, double tau[6]) {
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
+    const peri_real *coef = peri__coef(p->w, p->b) + (size_t)p->row->stride * (size_t)i;
+    double volume = p->bonds->unit * (double)p->bonds->volume[i];
+    int k, c;
+    for (c = 0; c < 6; c++) tau[c] = 0;
+    for (k = p->bonds->row[i]; k < p->bonds->row[i + 1]; k++) {
+        peri__bond o;
+        peri_real t[3];
+        peri__bond_load(p->bonds, k, p->x + 3 * (size_t)i, p->x, &o);
+        if (p->bonds->mode[i] == PERI__MAIN) p->row->pull(&p->b->matter, coef, &o, t);
+        else peri__special_pull(p->bonds, &p->b->matter, i, &o, t);
+        for (c = 0; c < 6; c++)
+            tau[c] += (double)(t[row[c]] * o.y[col[c]] + t[col[c]] * o.y[row[c]]) / (2 * volume);
+    }
+}
+
+/* Fbar; where the bonds lie in a plane, the missing direction is its normal. */
+static void peri__gradient_whole(peri__pass *p, int i, double f[9]) {
+    const peri_real *s = p->bonds->shape + 6 * (size_t)i;
+    double k[6], value[3], v[9], normal[3], a[3], b[3], fa[3], fb[3], length;
+    int c, d;
+    peri__gradient(p->bonds, p->x, i, f);
+    if (!(p->w->flags[p->b->first + i] & PERI__FLAT)) return;
+    for (c = 0; c < 6; c++) k[c] = (double)s[c];
+    peri_eigen3(k, value, v);
+    if (!(value[1] > 0)) {      /* a line, or nothing: no more can be said than to move along */
+        for (c = 0; c < 9; c++) f[c] = c % 4 == 0;
+        return;
+    }
+    for (c = 0; c < 3; c++) a[c] = v[3 * c + 1], b[c] = v[3 * c + 2];
+    peri__apply(f, a, fa);
+    peri__apply(f, b, fb);
+    peri__cross(fa, fb, normal);
+    length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    peri__cross(a, b, fa);
+    for (c = 0; c < 3; c++)
+        for (d = 0; d < 3; d++) f[3 * c + d] += length > 0 ? normal[c] / length * fa[d] : 0;
+}
+
+static double peri__largest_stretch(const peri__pass *p, int i) {
+    double largest = 0;
+    int k;
+    for (k = p->bonds->row[i]; k < p->bonds->row[i + 1]; k++) {
+        peri__bond o;
+        double e;
+        peri__bond_load(p->bonds, k, p->x + 3 * (size_t)i, p->x, &o);
+        e = fabs((double)peri__tau(&o) - 1);
+        if (e > largest) largest = e;
+    }
+    return largest;
+}
+
+/* Cauchy stress of particle i. */
+static void peri__cauchy(peri__pass *p, int i, double s[6]) {
+    double f[9], j;
+    int c;
+    peri__virial(p, i, s);
+    peri__gradient_whole(p, i, f);
+    j = fabs(peri_det3(f));
+    for (c = 0; c < 6; c++) s[c] /= j > 1e-3 ? j : 1e-3;
+}
+
+static double peri__von_mises(const double s[6]) {
+    double a = s[0] - s[1], b = s[1] - s[2], c = s[2] - s[0];
+    return sqrt((a * a + b * b + c * c) / 2 + 3 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]));
+}
+
+static double peri__value(peri_world *w, peri__pass *p, int i, peri_value value) {
+    const peri_real *v = w->v + 3 * (size_t)(p->b->first + i);
+    double s[6];
+    switch (value) {
+    case PERI_VALUE_STRETCH: return peri__largest_stretch(p, i);
+    case PERI_VALUE_STRESS: peri__cauchy(p, i, s); return peri__von_mises(s);
+    case PERI_VALUE_ENERGY:
+        return peri__elastic(w, p->b, i, i + 1) / (p->bonds->unit * (double)p->bonds->volume[i]);
+    case PERI_VALUE_SPEED:
+        return sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
+    case PERI_VALUE_DAMAGE: break;      /* no bond breaks yet */
+    }
+    return 0;
+}
+
+/* Starts a look at a body: the coefficients of its present positions. */
+static peri_result peri__look(peri_world *w, peri_body_id id, const void *out, peri__pass *p) {
+    peri__body *b = peri__body_find(w, id);
+    if (!b) return peri__no_body(w, id);
+    if (!out) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "out is NULL"));
+    peri__pass_begin(p, w, b, NULL);
+    peri__elastic(w, b, 0, b->count);
+    return PERI_OK;
+}
+
+peri_result peri_body_values(peri_world *w, peri_body_id id, peri_value value, peri_real *out) {
+    peri__pass p;
+    peri_result bad;
+    int i;
+    if (!w) return PERI_ERROR_ARGUMENT;
+    bad = peri__check_int("value", (int)value, 0, (int)PERI_VALUE_SPEED, &w->error);
+    if (bad) return peri__report(w, bad);
+    bad = peri__look(w, id, out, &p);
+    for (i = 0; !bad && i < p.b->count; i++) out[i] = (peri_real)peri__value(w, &p, i, value);
+    return bad;
+}
+
+peri_result peri_body_stress(peri_world *w, peri_body_id id, peri_real *out) {
+    peri__pass p;
+    peri_result bad = peri__look(w, id, out, &p);
+    double s[6];
+    int i, c;
+    for (i = 0; !bad && i < p.b->count; i++) {
+        peri__cauchy(&p, i, s);
+        for (c = 0; c < 6; c++) out[6 * (size_t)i + (size_t)c] = (peri_real)s[c];
+    }
+    return bad;
+}
+
+peri_result peri_body_gradient(peri_world *w, peri_body_id id, peri_real *out) {
+    peri__pass p;
+    peri_result bad = peri__look(w, id, out, &p);
+    double f[9];
+    int i, c;
+    for (i = 0; !bad && i < p.b->count; i++) {
+        peri__gradient_whole(&p, i, f);
+        for (c = 0; c < 9; c++) out[9 * (size_t)i + (size_t)c] = (peri_real)f[c];
+    }
+    return bad;
+}
+
+peri_stats peri_world_stats(const peri_world *w) {
+    peri_stats s;
+    int k;
+    memset(&s, 0, sizeof s);
+    if (!w) return s;
+    s = w->stats;
+    s.bodies = w->bodies.count;
+    s.particles = w->particles;
+    s.bonds = w->bonds;
+    s.colliders = w->colliders.count;
+    s.skins = w->skins.count;
+    s.contacts = w->contact_count;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        const peri__body *b = peri__body_at(w, k);
+        if (b) s.singular += b->singular;
+    }
+    return s;
+}
+
+#ifndef PERI_NO_DRAW
+static void peri__draw_body(peri_world *w, peri__body *b, const peri_draw *draw) {
+    peri__pass p;
+    double span = (double)draw->high - (double)draw->low, t, t1;
+    int i, k;
+    peri__pass_begin(&p, w, b, NULL);
+    peri__elastic(w, b, 0, b->count);
+    for (i = 0; i < b->count; i++) {
+        peri_vec3 x = peri__to_vec(p.x + 3 * (size_t)i);
+        t = (peri__value(w, &p, i, draw->value) - (double)draw->low) / span;
+        t = t < 0 ? 0 : t > 1 ? 1 : t;
+        if (draw->point) draw->point(x, (peri_real)(b->spacing / 2), (peri_real)t, draw->user);
+        for (k = b->row[i]; k < b->row[i + 1] && draw->line; k++) {
+            peri__bond o;
+            if (b->col[k] < i) continue;
+            peri__bond_load(p.bonds, k, p.x + 3 * (size_t)i, p.x, &o);
+            t1 = draw->value == PERI_VALUE_STRETCH
+                     ? (fabs((double)peri__tau(&o) - 1) - (double)draw->low) / span
+                     : t;
+            t1 = t1 < 0 ? 0 : t1 > 1 ? 1 : t1;
+            draw->line(x, peri__to_vec(p.x + 3 * (size_t)b->col[k]), (peri_real)t1, draw->user);
+        }
+    }
+}
+
+peri_result peri_world_draw(peri_world *w, const peri_draw *draw) {
+    peri_result bad;
+    int k;
+    if (!w) return PERI_ERROR_ARGUMENT;
+    if (!draw) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "draw is NULL"));
+    bad = peri__check_int("value", (int)draw->value, 0, (int)PERI_VALUE_SPEED, &w->error);
+    if (!bad && !(draw->high > draw->low))
+        bad = peri__fail(&w->error, PERI_ERROR_VALUE, "high is %g and low %g: high must be above low",
+                         (double)draw->high, (double)draw->low);
+    for (k = 0; !bad && k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b) peri__draw_body(w, b, draw);
+    }
+    return peri__report(w, bad);
+}
+#endif
+
+/* ---- implementation 15: skins of the world ------------------------------------------------------------------------ */
+#ifndef PERI_NO_SKINNING
+
+static void peri__skin_drop(peri_world *w, peri__skin *s) {
+    peri_allocator memory = peri__memory(w);
+    peri__skin_free(&s->data, &memory);
+    peri__drop(w, s->gradient, s->gradient_bytes);
+    peri__slot_free(&w->skins, &s->slot);
+}
+
+/* Drops the skins of a body, or (NULL) all. */
+static void peri__skins_drop(peri_world *w, const peri__body *b) {
+    int k;
+    for (k = 0; k < w->skins.capacity; k++) {
+        peri__skin *s = (peri__skin *)(void *)peri__slot_at(&w->skins, k);
+        if (s && (!b || (s->generation == b->slot.generation && peri__body_at(w, (int)s->body - 1) == b)))
+            peri__skin_drop(w, s);
+    }
+}
+
+static peri__skin *peri__skin_find(const peri_world *w, peri_skin_id id) {
+    return w ? (peri__skin *)(void *)peri__slot_find(&w->skins, id.index1, id.generation) : NULL;
+}
+
+static peri_result peri__no_skin(peri_world *w, peri_skin_id id) {
+    if (!w) return PERI_ERROR_ARGUMENT;
+    return peri__report(w, peri__fail(&w->error, PERI_ERROR_ID, "skin (%u, %u) does not exist in this world",
+                                      (unsigned)id.index1, (unsigned)id.generation));
+}
+
+peri_skin_id peri_skin_create(peri_world *w, peri_body_id body, const peri_real *vertices, int vertex_count,
+                              const int *triangles, int triangle_count) {
+    peri_skin_id id = {0, 0};
+    peri__body *b = peri__body_find(w, body);
+    peri__skin *s, made;
+    peri_allocator memory;
+    peri_result bad;
+    if (!b) {
+        peri__no_body(w, body);
+        return id;
+    }
+    s = (peri__skin *)(void *)peri__slot_take(w, &w->skins);
+    if (!s) {
+        peri__report(w, w->error.code);
+        return id;
+    }
+    memory = peri__memory(w);
+    made = *s;
+    bad = peri__skin_bind(b->points, b->count, (peri_real)b->spacing, vertices, vertex_count, triangles, triangle_count,
+                          &made.data, &memory, &w->error);
+    if (!bad) {
+        made.gradient_bytes = 9 * (size_t)b->count * sizeof(peri_real);
+        made.gradient = (peri_real *)peri__world_resize(NULL, 0, made.gradient_bytes, w);
+        if (!made.gradient) {
+            peri__skin_free(&made.data, &memory);
+            bad = peri__no_memory(w, made.gradient_bytes);
+        }
+    }
+    if (bad) {
+        peri__report(w, bad);
+        return id;
+    }
+    made.body = body.index1;
+    made.generation = body.generation;
+    *s = made;
+    id.index1 = peri__slot_use(&w->skins, &s->slot);
+    id.generation = s->slot.generation;
+    return id;
+}
+
+peri_result peri_skin_destroy(peri_world *w, peri_skin_id id) {
+    peri__skin *s = peri__skin_find(w, id);
+    if (!s) return peri__no_skin(w, id);
+    peri__skin_drop(w, s);
+    return PERI_OK;
+}
+
+typedef struct peri__skin_pass {
+    peri__pass pass;
+    peri_real *gradient;
+    double turn[9];
+} peri__skin_pass;
+
+/* Deformation gradients with respect to the points as they were given. */
+static void peri__skin_task(int begin, int end, void *context) {
+    peri__skin_pass *s = (peri__skin_pass *)context;
+    double f[9], g[9];
+    int i, c;
+    for (i = begin; i < end; i++) {
+        peri__gradient_whole(&s->pass, i, f);
+        peri_mul3(f, s->turn, g);
+        for (c = 0; c < 9; c++) s->gradient[9 * (size_t)i + (size_t)c] = (peri_real)g[c];
+    }
+}
+
+peri_result peri_skin_update(peri_world *w, peri_skin_id id, peri_real *positions, peri_real *normals) {
+    peri__skin *s = peri__skin_find(w, id);
+    peri__skin_pass p;
+    peri__body *b;
+    if (!s) return peri__no_skin(w, id);
+    if (!positions) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "positions is NULL"));
+    b = peri__body_at(w, (int)s->body - 1);
+    peri__pass_begin(&p.pass, w, b, NULL);
+    p.gradient = s->gradient;
+    peri__quat_matrix(b->rotation, p.turn);
+    peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__skin_task, &p);
+    peri__skin_move(&s->data, &w->def.parallel, w->out + 3 * (size_t)b->first, s->gradient, positions, normals);
+    return PERI_OK;
+}
+#endif
+
+#endif /* PERI_IMPLEMENTED */
+#endif /* PERI_IMPLEMENTATION */
+
+/*
+MIT License
+
+Copyright (c) 2026 the peri authors
+
+Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated
+documentation files (the "Software"), to deal in the Software without restriction, including without limitation the
+rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell copies of the Software, and to permit
+persons to whom the Software is furnished to do so, subject to the following conditions:
+
+The above copyright notice and this permission notice shall be included in all copies or substantial portions of the
+Software.
+
+THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE
+WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR
+COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR
+OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+*/

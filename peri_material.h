@@ -1,0 +1,1156 @@
+/* peri_material.h - v0.1.0 - physics of one particle and its bonds - MIT licence
+
+   The second of peri's three floors: elastic models as pure functions of the bonds of a particle. No allocation, no
+   state but what is passed in. It knows peri_solver.h; it does not know the world.
+
+   USE
+       #define PERI_IMPLEMENTATION      in ONE translation unit, before the include
+       #include "peri_material.h"
+
+   QUICK START (a neo-Hookean rubber under simple shear, at one material point)
+       peri_material m = peri_material_neo_hookean(1e5f, 0.45f, 1000);
+       double f[9] = {1, 0.5, 0,  0, 1, 0,  0, 0, 1}, p[9];
+       double energy = peri_material_point(&m, f, p);       (J/m^3; p: nominal stress, Pa)
+
+   WHICH MODEL DO I TAKE (E: Young's modulus, nu: Poisson's ratio)
+       projective      PP: fastest, hardest to break; Poisson's ratio is 1/4; bending resistance set by hand
+       stretch         SH: bond stretches and their mean; sums of basis functions; exact only at small strain
+                       (and St. Venant-Kirchhoff at nu = 1/4); surfaces are a little stiff
+       correspondence  exact for every affine deformation and every energy Psi(C), surfaces included; costs most
+
+   SYMBOLS  bond from i to j: reference vector xi, r = |xi|, n = xi / r; current vector y, stretch tau = |y| / r,
+       q = tau^2; omega: bond weight, of a particle summing to one; theta = sum omega tau (dilatation); C: right
+       Cauchy-Green tensor; Psi: energy per reference volume, J/m^3; lambda, mu: Lame's parameters.
+       Symmetric tensors are in Voigt order 00, 11, 22, 12, 02, 01. SI units throughout.
+
+   ERRATA to the papers that this file follows (PP: projective peridynamics, He et al. 2017; SH: reformulated
+   hyperelasticity, Xu et al. 2018)
+       SH (26)        lambda forgets the bonds' own bulk stiffness. Here ls = 9/2 (lambda - mu), ms = 15/2 mu; the
+                      printed one is peri_material_papers_mapping.
+       SH (13), (22)  signs: forces are minus the gradient.
+       SH (18)        G = |Sigma R^T n|, the columns of R being the material directions.
+       SH (27)        A_1 / A_1 is neo-Hookean only near the rest shape (uniaxial, nu 0.4, stretch 2: stress 2.4 times
+                      too high); the exact law is the correspondence model.
+       PP (8)-(11)    Poisson's ratio is 1/4 for affine maps whatever the constants; T_dev drops a derivative, so
+                      angular momentum drifts (peri.h, WORKING RANGE).
+       PP, SH         against inversion the smallest singular direction is flipped, not two fixed rows.
+
+   OPTIONS  those of peri_solver.h.
+   THREADS  every function is pure: call it from anywhere.
+
+   CONTENTS
+       1  materials
+       2  presets
+       3  a material point
+       implementation: basis functions, laws, the three models, their table
+
+   HISTORY
+       0.1.0  first version: elastic models
+*/
+#ifndef PERI_MATERIAL_H
+#define PERI_MATERIAL_H
+
+#include "peri_solver.h"
+
+/* ---- 1  materials ------------------------------------------------------------------------------------------------ */
+
+typedef enum peri_model {
+    PERI_MODEL_PROJECTIVE,      /* PP section 4: Psi = sum omega [a (|Fbar n| - 1)^2 + b/2 (tau - 1)^2] */
+    PERI_MODEL_STRETCH,         /* SH section 4: Psi = ls g(theta) + ms sum omega G(n) h(tau) */
+    PERI_MODEL_CORRESPONDENCE   /* ours: Psi(C) with C the least squares fit of tau^2 = n.C n over the bonds */
+} peri_model;
+
+/* Energy Psi(C) of the correspondence model. */
+typedef enum peri_law {
+    PERI_LAW_NEO_HOOKEAN,       /* mu/2 (I1 - 3) - mu log J + lambda/2 log^2 J */
+    PERI_LAW_STVK,              /* mu E:E + lambda/2 tr(E)^2, E = (C - 1)/2 */
+    PERI_LAW_STABLE,            /* Smith et al. 2018: finite at J = 0, never softens under compression */
+    PERI_LAW_USER
+} peri_law;
+
+#define PERI_BASIS_MAX 6
+
+/* A one-dimensional energy f(s), s > 0, with f(1) = f'(1) = 0: a sum of SH's basis functions (SH (15)),
+       A_n' = (s^n - s^-n) / n,   B_n' = 2 (s^n - 1) / n,   both with f''(1) = 2,
+   and of (3 B_3 - B_1)/2 = ((s^2 - 1)/2)^2, plus a user's function. Coefficients are not negative. */
+typedef struct peri_basis {
+    peri_real a[PERI_BASIS_MAX];    /* of A_1 .. A_6 */
+    peri_real b[PERI_BASIS_MAX];    /* of B_1 .. B_6 */
+    peri_real svk;                  /* of (3 B_3 - B_1)/2 */
+    double (*user)(double s, double *first, void *context); /* returns f, sets f'; NULL: none */
+    void *context;
+} peri_basis;
+
+/* A user's energy: c is C in Voigt order; returns Psi (Pa) and sets dpsi, the symmetric tensor dPsi/dC (Pa, Voigt
+   order, so that dPsi = dpsi : dC over all nine entries; the second Piola-Kirchhoff stress is 2 dpsi). Must be finite
+   also for det C <= 0, which a trial step can meet. */
+typedef double peri_law_function(const double c[6], double dpsi[6], void *context);
+
+/* A material. Make one by a preset, then change fields. */
+typedef struct peri_material {
+    uint32_t cookie;            /* set by the presets, checked by peri_material_check */
+    peri_model model;
+    peri_real density;          /* kg/m^3, > 0 */
+    peri_real young, poisson;   /* what the preset was asked for (Pa, -); the fields below are what acts */
+    peri_real a, b;             /* projective model, Pa, >= 0, not both 0. E = (2a + b)/6, nu = 1/4 */
+    peri_real ls, ms;           /* stretch model, Pa; ms > 0, ls + ms > 0 */
+    peri_basis g, h;            /* stretch model: of theta, of tau */
+    int anisotropic;            /* stretch model: 1 uses the two fields below (SH (18)) */
+    peri_real strength[3];      /* Sigma: > 0, product 1 within 1e-3 */
+    peri_real direction[9];     /* R by rows; its columns are the orthonormal material directions */
+    peri_law law;               /* correspondence model */
+    peri_real lambda, mu;       /* Lame's parameters, Pa; mu > 0, lambda > -2/3 mu */
+    peri_law_function *psi;     /* PERI_LAW_USER; lambda and mu must still hold the small-strain values */
+    void *context;
+    peri_real stabiliser;       /* correspondence: resistance to non-affine bonds, in 15/2 mu; 0 to 10 */
+    peri_real healthy_min;      /* a particle whose smallest singular value of Fbar (signed) is below this, ... */
+    peri_real healthy_max;      /* ... or whose largest is above this, is pulled back to shape; 0.3 and 2.5 */
+    peri_real restore;          /* stiffness of that pull, in 15/2 mu; 0 switches the recovery off */
+} peri_material;
+
+/* PERI_OK, or what is wrong with m, in a sentence. */
+PERI_DEF peri_result peri_material_check(const peri_material *m, peri_error *err);
+
+/* ---- 2  presets: Young's modulus (Pa), Poisson's ratio, density (kg/m^3) ------------------------------------------ */
+
+/* Projective model. Poisson's ratio is 1/4. bending (0 to 1): share of the Young's modulus that resists through
+   |Fbar n|, hence bending and non-affine motion of thin bodies; 0.5 is a good default. a = 3 E bending,
+   b = 6 E (1 - bending). Exact: Young's modulus at small strain. */
+PERI_DEF peri_material peri_material_projective(peri_real young, peri_real bending, peri_real density);
+
+/* Stretch model B_1 / B_1 (SH's linear material): exact at small strain; bonds are linear springs beyond. */
+PERI_DEF peri_material peri_material_linear(peri_real young, peri_real poisson, peri_real density);
+
+/* Correspondence model, exact neo-Hookean under every affine deformation: the default for solids. */
+PERI_DEF peri_material peri_material_neo_hookean(peri_real young, peri_real poisson, peri_real density);
+
+/* Stretch model A_1 / A_1: SH's approximation of neo-Hookean; right near the rest shape only (ERRATA). */
+PERI_DEF peri_material peri_material_neo_hookean_papers(peri_real young, peri_real poisson, peri_real density);
+
+/* Stretch model with g = h = (3 B_3 - B_1)/2: St. Venant-Kirchhoff for every affine deformation at nu = 1/4 and an
+   isotropic family; near the rest shape else. */
+PERI_DEF peri_material peri_material_stvk(peri_real young, peri_real poisson, peri_real density);
+
+/* Correspondence model, exact St. Venant-Kirchhoff. It softens under compression (that is the law's own flaw). */
+PERI_DEF peri_material peri_material_stvk_exact(peri_real young, peri_real poisson, peri_real density);
+
+/* Correspondence model, stable neo-Hookean (Smith, de Goes, Kim 2018): the softest to drive through collapse. */
+PERI_DEF peri_material peri_material_stable_neo_hookean(peri_real young, peri_real poisson, peri_real density);
+
+/* Correspondence model with a user's energy; young and poisson are its small-strain values (they scale the solver's
+   matrix and the stabiliser). */
+PERI_DEF peri_material peri_material_user(peri_law_function *psi, void *context, peri_real young, peri_real poisson,
+                                          peri_real density);
+
+/* Puts SH (26) as printed in place of the corrected ls, for reproducing that paper's figures. */
+PERI_DEF void peri_material_papers_mapping(peri_material *m);
+
+/* ---- 3  a material point ----------------------------------------------------------------------------------------- */
+
+/* f(s) and, when first is not NULL, f'(s). Below s = 0.05 f is continued by its tangent parabola. */
+PERI_DEF double peri_basis_value(const peri_basis *f, double s, double *first);
+
+/* Psi(C) of the material's law, and dpsi = dPsi/dC (see peri_law_function). h = C - 1 in Voigt order: passed so, small
+   strains keep their digits. log J is continued smoothly below J = 0.2 (det C = 0.04). */
+PERI_DEF double peri_law_value(const peri_material *m, const double h[6], double dpsi[6]);
+
+/* Energy density under the affine deformation gradient f (9, rows) and the nominal (first Piola-Kirchhoff) stress p
+   (9, Pa; may be NULL), for an isotropic family (bonds integrated over the sphere to 1e-6). */
+PERI_DEF double peri_material_point(const peri_material *m, const double f[9], double p[9]);
+
+#endif /* PERI_MATERIAL_H */
+/* Stop here if you only want the API. */
+
+#ifdef PERI_IMPLEMENTATION
+#ifndef PERI_MATERIAL_IMPLEMENTED
+#define PERI_MATERIAL_IMPLEMENTED
+
+#include <math.h>
+#include <string.h>
+
+#ifdef PERI_DOUBLE
+#define PERI__SQRT(x) sqrt(x)
+#else
+#define PERI__SQRT(x) sqrtf(x)
+#endif
+#define PERI__COOKIE 0x70657269u
+#define PERI__R(x) ((peri_real)(x))
+
+/* ---- implementation 1: basis functions ---------------------------------------------------------------------------
+   f' of every sum of A_n and B_n is a Laurent polynomial sum c_k s^k, -N <= k <= N: one form for all of them. The three
+   that presets use have a short form in the hot loops. */
+
+typedef enum peri__form { PERI__FORM_B1, PERI__FORM_A1, PERI__FORM_SVK, PERI__FORM_GENERAL } peri__form;
+
+#define PERI__S_MIN 0.05    /* below it, f is continued by its tangent parabola: A_n is infinite at 0 */
+
+typedef struct peri__basis {
+    peri__form form;
+    peri_real scale;                            /* coefficient, for the short forms */
+    double c[2 * PERI_BASIS_MAX + 1];           /* of s^(k - PERI_BASIS_MAX) in f' */
+    double f_min, first_min, second_min;        /* at s = PERI__S_MIN */
+    double (*user)(double s, double *first, void *context);
+    void *context;
+} peri__basis;
+
+static double peri__laurent(const double *c, double s) {
+    double up = 0, down = 0, inverse = 1 / s;
+    int k;
+    for (k = 2 * PERI_BASIS_MAX; k >= PERI_BASIS_MAX; k--) up = up * s + c[k];
+    for (k = 0; k < PERI_BASIS_MAX; k++) down = (down + c[k]) * inverse;
+    return up + down;
+}
+
+/* f by integrating f' from 1. */
+static double peri__laurent_integral(const double *c, double s) {
+    double sum = c[PERI_BASIS_MAX - 1] * peri_log(s), up = s, down = 1 / s, inverse = 1 / s;
+    int k;
+    for (k = 0; k <= PERI_BASIS_MAX; k++, up *= s) sum += c[PERI_BASIS_MAX + k] * (up - 1) / (k + 1);
+    for (k = 1; k < PERI_BASIS_MAX; k++, down *= inverse) sum -= c[PERI_BASIS_MAX - 1 - k] * (down - 1) / k;
+    return sum;
+}
+
+static double peri__basis_raw(const peri__basis *f, double s, double *first) {
+    double value = peri__laurent_integral(f->c, s), slope = 0;
+    *first = peri__laurent(f->c, s);
+    if (f->user) {
+        value += f->user(s, &slope, f->context);
+        *first += slope;
+    }
+    return value;
+}
+
+static void peri__basis_compile(const peri_basis *source, peri__basis *f) {
+    int n, kinds = 0;
+    double low, high;
+    memset(f, 0, sizeof *f);
+    f->user = source->user;
+    f->context = source->context;
+    for (n = 1; n <= PERI_BASIS_MAX; n++) {
+        double a = (double)source->a[n - 1] / n, b = 2 * (double)source->b[n - 1] / n;
+        f->c[PERI_BASIS_MAX + n] += a + b;
+        f->c[PERI_BASIS_MAX - n] -= a;
+        f->c[PERI_BASIS_MAX] -= b;
+        kinds += (n > 1) * ((a > 0) + (b > 0));
+    }
+    f->c[PERI_BASIS_MAX + 3] += (double)source->svk;
+    f->c[PERI_BASIS_MAX + 1] -= (double)source->svk;
+    f->form = PERI__FORM_GENERAL;
+    if (!kinds && !source->user) {
+        peri_real a = source->a[0], b = source->b[0], v = source->svk;
+        if (!(a > 0) && !(v > 0)) { f->form = PERI__FORM_B1; f->scale = b; }
+        if (!(b > 0) && !(v > 0) && a > 0) { f->form = PERI__FORM_A1; f->scale = a; }
+        if (!(a > 0) && !(b > 0) && v > 0) { f->form = PERI__FORM_SVK; f->scale = v; }
+    }
+    f->f_min = peri__basis_raw(f, PERI__S_MIN, &f->first_min);
+    peri__basis_raw(f, PERI__S_MIN * 0.999, &low);
+    peri__basis_raw(f, PERI__S_MIN * 1.001, &high);
+    f->second_min = (high - low) / (PERI__S_MIN * 0.002);
+}
+
+static double peri__basis_value(const peri__basis *f, double s, double *first) {
+    double ds = s - PERI__S_MIN;
+    if (ds >= 0) return peri__basis_raw(f, s, first);
+    *first = f->first_min + f->second_min * ds;
+    return f->f_min + ds * (f->first_min + ds * f->second_min / 2);
+}
+
+/* f''(1). */
+static double peri__basis_second(const peri__basis *f) {
+    double low, high, step = 1e-4;
+    peri__basis_raw(f, 1 - step, &low);
+    peri__basis_raw(f, 1 + step, &high);
+    return (high - low) / (2 * step);
+}
+
+/* f'(tau) / tau from q - 1 and tau: what a bond force needs. The short forms keep the digits of a small q - 1. */
+static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real tau, peri_real inv_tau) {
+    double first;
+    switch (f->form) {
+    case PERI__FORM_B1: return f->scale * 2 * dq / (1 + tau) * inv_tau;
+    case PERI__FORM_SVK: return f->scale * dq;
+    case PERI__FORM_A1:
+        if (tau >= PERI__R(PERI__S_MIN)) return f->scale * dq * inv_tau * inv_tau;
+        break;
+    case PERI__FORM_GENERAL: break;
+    }
+    peri__basis_value(f, (double)tau, &first);
+    return (peri_real)first * inv_tau;
+}
+
+double peri_basis_value(const peri_basis *f, double s, double *first) {
+    peri__basis compiled;
+    double slope, value;
+    peri__basis_compile(f, &compiled);
+    value = peri__basis_value(&compiled, s, &slope);
+    if (first) *first = slope;
+    return value;
+}
+
+/* ---- implementation 2: presets and checks ------------------------------------------------------------------------ */
+
+static peri_material peri__material(peri_model model, peri_real young, peri_real poisson, peri_real density) {
+    peri_material m;
+    double e = (double)young, nu = (double)poisson, mu = e / (2 * (1 + nu)), lambda = e * nu / ((1 + nu) * (1 - 2 * nu));
+    memset(&m, 0, sizeof m);
+    m.cookie = PERI__COOKIE;
+    m.model = model;
+    m.density = density;
+    m.young = young;
+    m.poisson = poisson;
+    m.lambda = (peri_real)lambda;
+    m.mu = (peri_real)mu;
+    m.ms = (peri_real)(7.5 * mu);
+    m.ls = (peri_real)(4.5 * (lambda - mu));
+    m.a = PERI__R(1.5) * young;
+    m.b = 3 * young;
+    m.g.b[0] = m.h.b[0] = 1;
+    m.strength[0] = m.strength[1] = m.strength[2] = 1;
+    m.direction[0] = m.direction[4] = m.direction[8] = 1;
+    m.stabiliser = PERI__R(2);
+    m.healthy_min = PERI__R(0.3);
+    m.healthy_max = PERI__R(2.5);
+    m.restore = 1;
+    return m;
+}
+
+peri_material peri_material_projective(peri_real young, peri_real bending, peri_real density) {
+    peri_material m = peri__material(PERI_MODEL_PROJECTIVE, young, PERI__R(0.25), density);
+    m.a = 3 * young * bending;
+    m.b = 6 * young * (1 - bending);
+    return m;
+}
+
+peri_material peri_material_linear(peri_real young, peri_real poisson, peri_real density) {
+    return peri__material(PERI_MODEL_STRETCH, young, poisson, density);
+}
+
+peri_material peri_material_neo_hookean_papers(peri_real young, peri_real poisson, peri_real density) {
+    peri_material m = peri__material(PERI_MODEL_STRETCH, young, poisson, density);
+    m.g.b[0] = m.h.b[0] = 0;
+    m.g.a[0] = m.h.a[0] = 1;
+    return m;
+}
+
+peri_material peri_material_stvk(peri_real young, peri_real poisson, peri_real density) {
+    peri_material m = peri__material(PERI_MODEL_STRETCH, young, poisson, density);
+    m.g.b[0] = m.h.b[0] = 0;
+    m.g.svk = m.h.svk = 1;
+    return m;
+}
+
+peri_material peri_material_neo_hookean(peri_real young, peri_real poisson, peri_real density) {
+    return peri__material(PERI_MODEL_CORRESPONDENCE, young, poisson, density);
+}
+
+peri_material peri_material_stvk_exact(peri_real young, peri_real poisson, peri_real density) {
+    peri_material m = peri__material(PERI_MODEL_CORRESPONDENCE, young, poisson, density);
+    m.law = PERI_LAW_STVK;
+    return m;
+}
+
+peri_material peri_material_stable_neo_hookean(peri_real young, peri_real poisson, peri_real density) {
+    peri_material m = peri__material(PERI_MODEL_CORRESPONDENCE, young, poisson, density);
+    m.law = PERI_LAW_STABLE;
+    return m;
+}
+
+peri_material peri_material_user(peri_law_function *psi, void *context, peri_real young, peri_real poisson,
+                                 peri_real density) {
+    peri_material m = peri__material(PERI_MODEL_CORRESPONDENCE, young, poisson, density);
+    m.law = PERI_LAW_USER;
+    m.psi = psi;
+    m.context = context;
+    return m;
+}
+
+void peri_material_papers_mapping(peri_material *m) {
+    double e = (double)m->young, nu = (double)m->poisson;
+    m->ls = (peri_real)(9 * e * nu / (2 * (1 + nu) * (1 - 2 * nu)));
+}
+
+static peri_result peri__check_range(const char *name, double value, double low, double high, peri_error *err) {
+    if (peri__finite(value) && value >= low && value <= high) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_VALUE, "%s is %g; it must lie between %g and %g", name, value, low, high);
+}
+
+static peri_result peri__check_basis(const char *name, const peri_basis *f, peri_error *err) {
+    peri_result bad = PERI_OK;
+    double sum = (double)f->svk, slope = 0, value;
+    int n;
+    for (n = 0; n < PERI_BASIS_MAX && !bad; n++) {
+        bad = peri__check_range("a coefficient of A_n", (double)f->a[n], 0, 1e6, err);
+        if (!bad) bad = peri__check_range("a coefficient of B_n", (double)f->b[n], 0, 1e6, err);
+        sum += (double)f->a[n] + (double)f->b[n];
+    }
+    if (!bad) bad = peri__check_range("svk, the coefficient of (3 B_3 - B_1)/2,", (double)f->svk, 0, 1e6, err);
+    if (bad) return bad;
+    if (f->user) {
+        value = f->user(1, &slope, f->context);
+        if (!(fabs(value) < 1e-9) || !(fabs(slope) < 1e-9))
+            return peri__fail(err, PERI_ERROR_VALUE, "%s.user has f(1) = %g and f'(1) = %g; both must be 0", name, value,
+                              slope);
+    } else if (!(sum > 0)) {
+        return peri__fail(err, PERI_ERROR_VALUE, "%s has no basis function: set a coefficient of a, b or svk", name);
+    }
+    return PERI_OK;
+}
+
+static peri_result peri__check_directions(const peri_material *m, peri_error *err) {
+    double product = 1;
+    int i, j, k;
+    for (i = 0; i < 3; i++) {
+        peri_result bad = peri__check_range("strength", (double)m->strength[i], 1e-3, 1e3, err);
+        if (bad) return bad;
+        product *= (double)m->strength[i];
+        for (j = 0; j < 3; j++) {
+            double dot = i == j ? -1 : 0;
+            for (k = 0; k < 3; k++) dot += (double)m->direction[3 * k + i] * (double)m->direction[3 * k + j];
+            if (!(fabs(dot) < 1e-3))
+                return peri__fail(err, PERI_ERROR_VALUE, "direction: columns %d and %d are not orthonormal (off by %g)",
+                                  i, j, dot);
+        }
+    }
+    if (!(fabs(product - 1) < 1e-3))
+        return peri__fail(err, PERI_ERROR_VALUE, "strength: the product is %g; it must be 1", product);
+    return PERI_OK;
+}
+
+static peri_result peri__check_model(const peri_material *m, peri_error *err) {
+    peri_result bad;
+    switch (m->model) {
+    case PERI_MODEL_PROJECTIVE:
+        bad = peri__check_range("a", (double)m->a, 0, 1e15, err);
+        if (!bad) bad = peri__check_range("b", (double)m->b, 0, 1e15, err);
+        if (!bad && !(m->a + m->b > 0)) bad = peri__fail(err, PERI_ERROR_VALUE, "a and b are both 0: no stiffness");
+        return bad;
+    case PERI_MODEL_STRETCH: break;
+    case PERI_MODEL_CORRESPONDENCE:
+        if ((int)m->law < 0 || (int)m->law > (int)PERI_LAW_USER)
+            return peri__fail(err, PERI_ERROR_ARGUMENT, "law is %d, which is no peri_law", (int)m->law);
+        if (m->law == PERI_LAW_USER && !m->psi)
+            return peri__fail(err, PERI_ERROR_ARGUMENT, "psi is NULL, but the law is PERI_LAW_USER");
+        bad = peri__check_range("stabiliser", (double)m->stabiliser, 0, 10, err);
+        if (!bad) bad = peri__check_range("mu", (double)m->mu, 1e-30, 1e15, err);
+        if (!bad) bad = peri__check_range("lambda", (double)m->lambda, -0.66 * (double)m->mu, 1e18, err);
+        if (bad) return bad;
+        break;
+    default: return peri__fail(err, PERI_ERROR_ARGUMENT, "model is %d, which is no peri_model", (int)m->model);
+    }
+    /* a correspondence body needs the stretch model where a family cannot hold a tensor */
+    bad = peri__check_range("ms", (double)m->ms, 1e-30, 1e18, err);
+    if (!bad) bad = peri__check_range("ls", (double)m->ls, -0.999 * (double)m->ms, 1e18, err);
+    if (!bad) bad = peri__check_basis("g", &m->g, err);
+    if (!bad) bad = peri__check_basis("h", &m->h, err);
+    if (!bad && m->anisotropic) bad = peri__check_directions(m, err);
+    return bad;
+}
+
+peri_result peri_material_check(const peri_material *m, peri_error *err) {
+    peri_result bad;
+    if (!m) return peri__fail(err, PERI_ERROR_ARGUMENT, "material is NULL");
+    if (m->cookie != PERI__COOKIE)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "material was not made by a preset such as peri_material_neo_hookean");
+    bad = peri__check_range("density", (double)m->density, 1e-6, 1e9, err);
+    if (!bad) bad = peri__check_range("young", (double)m->young, 1e-6, 1e15, err);
+    if (!bad) bad = peri__check_range("poisson", (double)m->poisson, -0.999, 0.4999, err);
+    if (!bad) bad = peri__check_model(m, err);
+    if (!bad) bad = peri__check_range("healthy_min", (double)m->healthy_min, -1, 0.95, err);
+    if (!bad) bad = peri__check_range("healthy_max", (double)m->healthy_max, 1.05, 1e6, err);
+    if (!bad) bad = peri__check_range("restore", (double)m->restore, 0, 100, err);
+    return bad;
+}
+
+/* ---- implementation 3: laws Psi(C) ------------------------------------------------------------------------------- */
+
+/* With h = C - 1: det C - 1 without losing digits, and the cofactors of C. */
+static double peri__det_minus_one(const double h[6], double cofactor[6]) {
+    double c0 = 1 + h[0], c1 = 1 + h[1], c2 = 1 + h[2];
+    cofactor[0] = c1 * c2 - h[3] * h[3];
+    cofactor[1] = c0 * c2 - h[4] * h[4];
+    cofactor[2] = c0 * c1 - h[5] * h[5];
+    cofactor[3] = h[4] * h[5] - c0 * h[3];
+    cofactor[4] = h[3] * h[5] - c1 * h[4];
+    cofactor[5] = h[3] * h[4] - c2 * h[5];
+    return h[0] + h[1] + h[2] + h[0] * h[1] + h[1] * h[2] + h[0] * h[2] - h[3] * h[3] - h[4] * h[4] - h[5] * h[5] +
+           h[0] * (h[1] * h[2] - h[3] * h[3]) - h[1] * h[4] * h[4] - h[2] * h[5] * h[5] + 2 * h[3] * h[4] * h[5];
+}
+
+#define PERI__DET_MIN 0.04  /* J = 0.2 */
+
+/* log(1 + x): the series keeps the digits that 1 + x drops. */
+static double peri__log1p(double x) {
+    double z = x / (2 + x), z2 = z * z;
+    if (fabs(x) > 0.1) return peri_log(1 + x);
+    return 2 * z * (1 + z2 * (1 / 3.0 + z2 * (1 / 5.0 + z2 * (1 / 7.0 + z2 * (1 / 9.0 + z2 * (1 / 11.0 + z2 / 13))))));
+}
+
+/* log J of det C = 1 + dm, its derivative by det C; below PERI__DET_MIN the second-order Taylor polynomial. */
+static double peri__log_j(double dm, double *slope) {
+    const double d0 = PERI__DET_MIN;
+    double x = 1 + dm - d0;
+    if (x >= 0) {
+        *slope = 0.5 / (1 + dm);
+        return 0.5 * peri__log1p(dm);
+    }
+    *slope = 0.5 / d0 - 0.5 * x / (d0 * d0);
+    return 0.5 * peri_log(d0) + 0.5 * x / d0 - 0.25 * x * x / (d0 * d0);
+}
+
+/* J of det C = 1 + dm, continued the same way. */
+static double peri__j(double dm, double *slope) {
+    const double d0 = PERI__DET_MIN, j0 = 0.2;
+    double x = 1 + dm - d0, j;
+    if (x >= 0) {
+        j = sqrt(1 + dm);
+        *slope = 0.5 / j;
+        return j;
+    }
+    *slope = 0.5 / j0 - 0.25 * x / (j0 * j0 * j0);
+    return j0 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
+}
+
+static double peri__law_neo_hookean(double lambda, double mu, const double h[6], double dpsi[6]) {
+    double cofactor[6], slope, log_j, factor;
+    int k;
+    log_j = peri__log_j(peri__det_minus_one(h, cofactor), &slope);
+    factor = (lambda * log_j - mu) * slope;
+    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? mu / 2 : 0);
+    return mu / 2 * (h[0] + h[1] + h[2]) - mu * log_j + lambda / 2 * log_j * log_j;
+}
+
+static double peri__law_stvk(double lambda, double mu, const double h[6], double dpsi[6]) {
+    double trace = h[0] + h[1] + h[2], squares = 0;
+    int k;
+    for (k = 0; k < 6; k++) {
+        squares += (k < 3 ? 1 : 2) * h[k] * h[k];
+        dpsi[k] = mu / 2 * h[k] + (k < 3 ? lambda / 4 * trace : 0);
+    }
+    return mu / 4 * squares + lambda / 8 * trace * trace;
+}
+
+/* Smith, de Goes, Kim 2018, equation 14 with their reparameterised constants (so that small strain is Hooke's). */
+static double peri__law_stable(double lambda, double mu, const double h[6], double dpsi[6]) {
+    double m = 4 * mu / 3, l = lambda + 5 * mu / 6, alpha = 1 + 0.75 * m / l;
+    double cofactor[6], slope, j, trace = h[0] + h[1] + h[2], factor;
+    int k;
+    j = peri__j(peri__det_minus_one(h, cofactor), &slope);
+    factor = l * (j - alpha) * slope;
+    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? m / 2 * (1 - 1 / (4 + trace)) : 0);
+    return m / 2 * (trace - peri__log1p(trace / 4)) + l / 2 * ((j - alpha) * (j - alpha) - (1 - alpha) * (1 - alpha));
+}
+
+double peri_law_value(const peri_material *m, const double h[6], double dpsi[6]) {
+    double lambda = (double)m->lambda, mu = (double)m->mu, c[6];
+    int k;
+    switch (m->law) {
+    case PERI_LAW_NEO_HOOKEAN: return peri__law_neo_hookean(lambda, mu, h, dpsi);
+    case PERI_LAW_STVK: return peri__law_stvk(lambda, mu, h, dpsi);
+    case PERI_LAW_STABLE: return peri__law_stable(lambda, mu, h, dpsi);
+    case PERI_LAW_USER: break;
+    }
+    for (k = 0; k < 6; k++) c[k] = h[k] + (k < 3);
+    return m->psi(c, dpsi, m->context);
+}
+
+/* ---- implementation 4: bonds -------------------------------------------------------------------------------------
+   A body's bonds in compressed rows, one array per quantity, so that a later layout (blocks of particles in lockstep)
+   is a permutation of the same arrays. w v_i v_j is symmetric: the bond weight is omega_ij = s_ij c_i / v_i with
+   s_ij = w(r) v_i v_j, c_i = 1 / sum_k w v_k and v = V / d^3, so a particle reads its neighbour's share of a bond from
+   its own row and c_j. */
+
+typedef struct peri__bonds {
+    int n;
+    const int *row;                 /* n + 1 */
+    const int *col;                 /* particle at the other end, ascending in a row */
+    const peri_real *xi[3];         /* reference vector */
+    const peri_real *inv_r2;        /* 1 / |xi|^2 */
+    const peri_real *weight;        /* s_ij */
+    const peri_real *gain;          /* G(n) of an anisotropic body, or NULL: 1 */
+    const peri_real *share;         /* c_i */
+    const peri_real *volume;        /* v_i */
+    const peri_real *shape;         /* 6 n: (sum omega n n)^-1, pseudo-inverse where that is singular */
+    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence only) */
+    const unsigned char *mode;      /* n: a peri__mode each */
+    peri_real *special;             /* 9 n: of particles whose mode is not PERI__MAIN (NULL: there are none) */
+    double unit;                    /* d^3 */
+} peri__bonds;
+
+typedef enum peri__mode {
+    PERI__MAIN,         /* the material's own energy */
+    PERI__RESTORED,     /* out of shape: quadratic energy towards special = Fhat */
+    PERI__FALLBACK      /* family cannot hold a tensor: stretch model, special = its two coefficients */
+} peri__mode;
+
+/* A material made ready for the loops. */
+typedef struct peri__matter {
+    peri_material m;
+    peri__basis g, h;
+    peri_real stabiliser;   /* s (15/2) mu, Pa */
+    peri_real restore;      /* k of the restoring energy, Pa */
+    double stiffness_g, stiffness_h;    /* bond stiffness of the constant matrix, Pa: g'' part, h'' part (times G) */
+} peri__matter;
+
+typedef struct peri__bond {
+    peri_real y[3], xi[3];
+    peri_real dq;       /* tau^2 - 1 */
+    peri_real inv_r2, weight, gain;
+} peri__bond;
+
+/* Bond k of the particle at xi (its present position), other end read from x. Differences are taken in double: float
+   positions would have a noise floor of about 1e-2 of the weight of a soft body one metre across. */
+static void peri__bond_load(const peri__bonds *b, int k, const double *xi, const double *x, peri__bond *o) {
+    const double *xj = x + 3 * (size_t)b->col[k];
+    peri_real u[3];
+    int c;
+    for (c = 0; c < 3; c++) {
+        o->xi[c] = b->xi[c][k];
+        u[c] = (peri_real)(xj[c] - xi[c] - (double)o->xi[c]);
+        o->y[c] = o->xi[c] + u[c];
+    }
+    o->inv_r2 = b->inv_r2[k];
+    o->weight = b->weight[k];
+    o->gain = b->gain ? b->gain[k] : 1;
+    o->dq = ((2 * o->xi[0] + u[0]) * u[0] + (2 * o->xi[1] + u[1]) * u[1] + (2 * o->xi[2] + u[2]) * u[2]) * o->inv_r2;
+}
+
+static peri_real peri__tau(const peri__bond *o) {
+    peri_real q = 1 + o->dq;
+    return PERI__SQRT(q > PERI__R(1e-12) ? q : PERI__R(1e-12));
+}
+
+/* n n^T in Voigt order with the shear entries doubled: nn . C = n.C n. */
+static void peri__bond_nn(const peri__bond *o, peri_real nn[6]) {
+    peri_real a = o->xi[0] * o->inv_r2, b = o->xi[1] * o->inv_r2, c = o->xi[2] * o->inv_r2;
+    nn[0] = a * o->xi[0];
+    nn[1] = b * o->xi[1];
+    nn[2] = c * o->xi[2];
+    nn[3] = 2 * b * o->xi[2];
+    nn[4] = 2 * a * o->xi[2];
+    nn[5] = 2 * a * o->xi[1];
+}
+
+/* Fbar of particle i: least squares over its bonds, weights omega / r^2. */
+static void peri__gradient(const peri__bonds *b, const double *x, int i, double f[9]) {
+    const peri_real *s = b->shape + 6 * (size_t)i;
+    double k[9], g[9], scale = (double)(b->share[i] / b->volume[i]);
+    peri_real sum[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    int bond, c;
+    for (bond = b->row[i]; bond < b->row[i + 1]; bond++) {
+        peri__bond o;
+        peri__bond_load(b, bond, x + 3 * (size_t)i, x, &o);
+        for (c = 0; c < 3; c++) {
+            peri_real t = o.weight * o.inv_r2 * o.y[c];
+            sum[3 * c] += t * o.xi[0];
+            sum[3 * c + 1] += t * o.xi[1];
+            sum[3 * c + 2] += t * o.xi[2];
+        }
+    }
+    for (c = 0; c < 9; c++) g[c] = scale * (double)sum[c];
+    k[0] = (double)s[0]; k[4] = (double)s[1]; k[8] = (double)s[2];
+    k[5] = k[7] = (double)s[3];
+    k[2] = k[6] = (double)s[4];
+    k[1] = k[3] = (double)s[5];
+    peri_mul3(g, k, f);
+}
+
+/* Each model has three functions. `local` gathers what a particle passes to its neighbours (coef, `stride` reals each)
+   and returns the energy (J) of particles begin .. end - 1; `pull` is d(V_i Psi_i)/dy of one bond; `force` gathers both
+   ends' pulls into f (3 n, N; set, not added). */
+
+typedef double peri__local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                           peri_real *coef, int energy);
+typedef void peri__pull(const peri__matter *m, const peri_real *coef, const peri__bond *o, peri_real t[3]);
+typedef void peri__force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                         const peri_real *coef, peri_real *f);
+
+/* ---- implementation 5: the stretch model (SH (12), (13)) --------------------------------------------------------- */
+
+static double peri__stretch_energy(const peri__bonds *b, const peri__matter *m, const double *x, int i, double theta) {
+    double sum = 0, slope, volume = b->unit * (double)b->volume[i];
+    int k;
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        peri__bond o;
+        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        sum += (double)(o.weight * o.gain) * peri__basis_value(&m->h, (double)peri__tau(&o), &slope);
+    }
+    sum *= (double)(b->share[i] / b->volume[i]) * (double)m->m.ms;
+    return volume * (sum + (double)m->m.ls * peri__basis_value(&m->g, theta, &slope));
+}
+
+/* coef: unit c ls g'(theta), unit c ms. */
+static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, const double *x, int i, peri_real *coef,
+                                int energy) {
+    peri_real sum = 0, theta_e, c = (peri_real)b->unit * b->share[i];
+    double slope = 0;
+    int k;
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        peri__bond o;
+        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        sum += o.weight * o.dq / (1 + peri__tau(&o));
+    }
+    theta_e = sum * b->share[i] / b->volume[i];
+    if (m->g.form == PERI__FORM_B1) slope = 2 * (double)(m->g.scale * theta_e);
+    else peri__basis_value(&m->g, 1 + (double)theta_e, &slope);
+    coef[0] = c * m->m.ls * (peri_real)slope;
+    coef[1] = c * m->m.ms;
+    return energy ? peri__stretch_energy(b, m, x, i, 1 + (double)theta_e) : 0;
+}
+
+static double peri__stretch_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                                  peri_real *coef, int energy) {
+    double sum = 0;
+    int i;
+    for (i = begin; i < end; i++) {
+        if (b->mode[i] == PERI__MAIN) sum += peri__stretch_one(b, m, x, i, coef + 2 * (size_t)i, energy);
+        else coef[2 * (size_t)i] = coef[2 * (size_t)i + 1] = 0;
+    }
+    return sum;
+}
+
+static void peri__stretch_pull(const peri__matter *m, const peri_real *coef, const peri__bond *o, peri_real t[3]) {
+    peri_real tau = peri__tau(o), inv_tau = 1 / tau;
+    peri_real p = o->weight * o->inv_r2 *
+                  (coef[0] * inv_tau + coef[1] * o->gain * peri__basis_pull(&m->h, o->dq, tau, inv_tau));
+    t[0] = p * o->y[0];
+    t[1] = p * o->y[1];
+    t[2] = p * o->y[2];
+}
+
+static void peri__stretch_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                                const peri_real *coef, peri_real *f) {
+    int i, k;
+    for (i = begin; i < end; i++) {
+        const peri_real *ci = coef + 2 * (size_t)i;
+        peri_real sum[3] = {0, 0, 0}, t[3], both[2];
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            const peri_real *cj = coef + 2 * (size_t)b->col[k];
+            peri__bond o;
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            both[0] = ci[0] + cj[0];
+            both[1] = ci[1] + cj[1];
+            peri__stretch_pull(m, both, &o, t);
+            sum[0] += t[0];
+            sum[1] += t[1];
+            sum[2] += t[2];
+        }
+        f[3 * (size_t)i] = sum[0];
+        f[3 * (size_t)i + 1] = sum[1];
+        f[3 * (size_t)i + 2] = sum[2];
+    }
+}
+
+/* ---- implementation 6: the correspondence model ------------------------------------------------------------------
+   C_i - 1 = H_i = M_i^-1 sum omega (tau^2 - 1) nn, M_i = sum omega nn nn^T: least squares, exact for affine maps.
+   Psi_i = Psi(C_i) + t/4 sum omega (tau^2 - n.C_i n)^2 with t = s (15/2) mu. The derivative of the second term through
+   C_i vanishes (normal equations), so dPsi_i/d(tau^2) = omega [nn.(M_i^-1 dPsi/dC) + t/2 (tau^2 - n.C_i n)]. */
+
+static void peri__packed6(const peri_real *a, const double in[6], double out[6]) {
+    int i, j, k = 0;
+    for (i = 0; i < 6; i++) out[i] = 0;
+    for (i = 0; i < 6; i++) {
+        for (j = 0; j < i; j++, k++) {
+            out[i] += (double)a[k] * in[j];
+            out[j] += (double)a[k] * in[i];
+        }
+        out[i] += (double)a[k++] * in[i];
+    }
+}
+
+/* H_i; returns sum omega (tau^2 - 1)^2 - H_i.M_i H_i, the misfit of the fit. */
+static double peri__strain(const peri__bonds *b, const double *x, int i, double h[6]) {
+    peri_real a[6] = {0, 0, 0, 0, 0, 0}, squares = 0, nn[6];
+    double right[6], scale = (double)(b->share[i] / b->volume[i]), misfit;
+    int k, c;
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        peri__bond o;
+        peri_real t;
+        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        peri__bond_nn(&o, nn);
+        t = o.weight * o.dq;
+        for (c = 0; c < 6; c++) a[c] += t * nn[c];
+        squares += t * o.dq;
+    }
+    for (c = 0; c < 6; c++) right[c] = scale * (double)a[c];
+    peri__packed6(b->moment + 21 * (size_t)i, right, h);
+    misfit = scale * (double)squares;
+    for (c = 0; c < 6; c++) misfit -= h[c] * right[c];
+    return misfit;
+}
+
+#define PERI__CORRESPONDENCE_STRIDE 8   /* 6 + 1, padded to a power of two: one cache line holds two */
+
+static double peri__correspondence_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin,
+                                         int end, peri_real *coef, int energy) {
+    double sum = 0, h[6], dpsi[6], l[6], misfit, psi, t = (double)m->stabiliser;
+    int i, c;
+    for (i = begin; i < end; i++) {
+        peri_real *out = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)i;
+        double scale = b->unit * (double)b->share[i];
+        if (b->mode[i] != PERI__MAIN) {
+            for (c = 0; c < PERI__CORRESPONDENCE_STRIDE; c++) out[c] = 0;
+            continue;
+        }
+        misfit = peri__strain(b, x, i, h);
+        psi = peri_law_value(&m->m, h, dpsi);
+        for (c = 3; c < 6; c++) dpsi[c] *= 2;
+        peri__packed6(b->moment + 21 * (size_t)i, dpsi, l);
+        for (c = 0; c < 6; c++) out[c] = (peri_real)(scale * (l[c] - t / 2 * h[c]));
+        out[6] = (peri_real)(scale * t / 2);
+        if (energy) sum += b->unit * (double)b->volume[i] * (psi + t / 4 * misfit);
+    }
+    return sum;
+}
+
+static void peri__correspondence_pull(const peri__matter *m, const peri_real *coef, const peri__bond *o,
+                                      peri_real t[3]) {
+    peri_real nn[6], p;
+    (void)m;
+    peri__bond_nn(o, nn);
+    p = coef[0] * nn[0] + coef[1] * nn[1] + coef[2] * nn[2] + coef[3] * nn[3] + coef[4] * nn[4] + coef[5] * nn[5] +
+        coef[6] * o->dq;
+    p *= 2 * o->weight * o->inv_r2;
+    t[0] = p * o->y[0];
+    t[1] = p * o->y[1];
+    t[2] = p * o->y[2];
+}
+
+static void peri__correspondence_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin,
+                                       int end, const peri_real *coef, peri_real *f) {
+    int i, k, c;
+    for (i = begin; i < end; i++) {
+        const peri_real *ci = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)i;
+        peri_real sum[3] = {0, 0, 0}, t[3], both[7];
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            const peri_real *cj = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)b->col[k];
+            peri__bond o;
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            for (c = 0; c < 7; c++) both[c] = ci[c] + cj[c];
+            peri__correspondence_pull(m, both, &o, t);
+            sum[0] += t[0];
+            sum[1] += t[1];
+            sum[2] += t[2];
+        }
+        f[3 * (size_t)i] = sum[0];
+        f[3 * (size_t)i + 1] = sum[1];
+        f[3 * (size_t)i + 2] = sum[2];
+    }
+}
+
+/* ---- implementation 7: the projective model (PP (8), (10), (11)) -------------------------------------------------
+   The local step's targets are r dir(Fbar xi) and r dir(y). PP's force drops the derivative of Fbar; what is minimised
+   at fixed targets is sum omega [a |y/r - dir(Fbar n)|^2 + b/2 (tau - 1)^2], which is the energy reported (equal to
+   PP (8) for affine maps). */
+
+#define PERI__PROJECTIVE_STRIDE 10  /* Fbar, unit c */
+
+static peri_real peri__inverse_length(peri_real x, peri_real y, peri_real z) {
+    peri_real square = x * x + y * y + z * z;
+    return square > PERI__R(1e-30) ? 1 / PERI__SQRT(square) : 0;
+}
+
+/* dir(F xi). */
+static void peri__direction(const peri_real *f, const peri_real xi[3], peri_real d[3]) {
+    peri_real inverse;
+    int c;
+    for (c = 0; c < 3; c++) d[c] = f[3 * c] * xi[0] + f[3 * c + 1] * xi[1] + f[3 * c + 2] * xi[2];
+    inverse = peri__inverse_length(d[0], d[1], d[2]);
+    for (c = 0; c < 3; c++) d[c] *= inverse;
+}
+
+static double peri__projective_energy(const peri__bonds *b, const peri__matter *m, const double *x, int i,
+                                      const peri_real *f) {
+    double sum = 0, a = (double)m->m.a, half_b = (double)m->m.b / 2;
+    int k, c;
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        peri__bond o;
+        peri_real d[3], inv_r;
+        double square = 0, e;
+        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        peri__direction(f, o.xi, d);
+        inv_r = PERI__SQRT(o.inv_r2);
+        for (c = 0; c < 3; c++) square += (double)((o.y[c] * inv_r - d[c]) * (o.y[c] * inv_r - d[c]));
+        e = (double)(o.dq / (1 + peri__tau(&o)));
+        sum += (double)o.weight * (a * square + half_b * e * e);
+    }
+    return sum * b->unit * (double)b->share[i];
+}
+
+static double peri__projective_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                                     peri_real *coef, int energy) {
+    double sum = 0, f[9];
+    int i, c;
+    for (i = begin; i < end; i++) {
+        peri_real *out = coef + PERI__PROJECTIVE_STRIDE * (size_t)i;
+        if (b->mode[i] != PERI__MAIN) {
+            for (c = 0; c < PERI__PROJECTIVE_STRIDE; c++) out[c] = 0;
+            continue;
+        }
+        peri__gradient(b, x, i, f);
+        for (c = 0; c < 9; c++) out[c] = (peri_real)f[c];
+        out[9] = (peri_real)(b->unit * (double)b->share[i]);
+        if (energy) sum += peri__projective_energy(b, m, x, i, out);
+    }
+    return sum;
+}
+
+static void peri__projective_pull(const peri__matter *m, const peri_real *coef, const peri__bond *o, peri_real t[3]) {
+    peri_real d[3], r = 1 / PERI__SQRT(o->inv_r2), scale = coef[9] * o->weight * o->inv_r2, inv_y;
+    int c;
+    peri__direction(coef, o->xi, d);
+    inv_y = peri__inverse_length(o->y[0], o->y[1], o->y[2]);
+    for (c = 0; c < 3; c++)
+        t[c] = scale * (2 * m->m.a * (o->y[c] - r * d[c]) + m->m.b * (o->y[c] - r * inv_y * o->y[c]));
+}
+
+static void peri__projective_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                                   const peri_real *coef, peri_real *f) {
+    int i, k, c;
+    for (i = begin; i < end; i++) {
+        const peri_real *ci = coef + PERI__PROJECTIVE_STRIDE * (size_t)i;
+        peri_real sum[3] = {0, 0, 0}, t[3];
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            const peri_real *cj = coef + PERI__PROJECTIVE_STRIDE * (size_t)b->col[k];
+            peri__bond o;
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__projective_pull(m, ci, &o, t);
+            for (c = 0; c < 3; c++) sum[c] += t[c];
+            peri__projective_pull(m, cj, &o, t);
+            for (c = 0; c < 3; c++) sum[c] += t[c];
+        }
+        for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] = sum[c];
+    }
+}
+
+/* ---- implementation 8: the models' table, particles with another energy ------------------------------------------
+   A new material is a row here and its functions above. */
+
+typedef struct peri__model_row {
+    const char *name;
+    int stride;             /* reals that a particle passes to its neighbours */
+    peri__local *local;
+    peri__pull *pull;
+    peri__force *force;
+} peri__model_row;
+
+static const peri__model_row *peri__model(peri_model model) {
+    static const peri__model_row table[3] = {
+        {"projective", PERI__PROJECTIVE_STRIDE, peri__projective_local, peri__projective_pull, peri__projective_force},
+        {"stretch", 2, peri__stretch_local, peri__stretch_pull, peri__stretch_force},
+        {"correspondence", PERI__CORRESPONDENCE_STRIDE, peri__correspondence_local, peri__correspondence_pull,
+         peri__correspondence_force}};
+    return &table[(int)model];
+}
+
+/* k sum omega |y - Fhat xi|^2 / r^2 with Fhat fixed during the step (PP, SH (24), in energy form). */
+static void peri__restored_pull(const peri__matter *m, const peri_real *fhat, peri_real c, const peri__bond *o,
+                                peri_real t[3]) {
+    peri_real scale = 2 * m->restore * c * o->weight * o->inv_r2;
+    int a;
+    for (a = 0; a < 3; a++)
+        t[a] = scale * (o->y[a] - fhat[3 * a] * o->xi[0] - fhat[3 * a + 1] * o->xi[1] - fhat[3 * a + 2] * o->xi[2]);
+}
+
+/* The pull of a particle of whatever mode. */
+static void peri__special_pull(const peri__bonds *b, const peri__matter *m, int i, const peri__bond *o, peri_real t[3]) {
+    const peri_real *special = b->special + 9 * (size_t)i;
+    if (b->mode[i] == PERI__RESTORED) peri__restored_pull(m, special, (peri_real)b->unit * b->share[i], o, t);
+    else peri__stretch_pull(m, special, o, t);
+}
+
+/* Coefficients and energy of the particles whose mode is not PERI__MAIN. */
+static double peri__special_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                                  int energy) {
+    double sum = 0;
+    int i, k;
+    for (i = begin; i < end; i++) {
+        if (b->mode[i] == PERI__FALLBACK) sum += peri__stretch_one(b, m, x, i, b->special + 9 * (size_t)i, energy);
+        if (b->mode[i] != PERI__RESTORED || !energy) continue;
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            peri__bond o;
+            peri_real t[3];
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__special_pull(b, m, i, &o, t);
+            if (!(o.weight > 0)) continue;
+            /* |t|^2 / (4 k c s / r^2) is this bond's energy */
+            sum += (double)(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) /
+                   (4 * (double)m->restore * b->unit * (double)(b->share[i] * o.weight * o.inv_r2));
+        }
+    }
+    return sum;
+}
+
+/* Adds their forces on particles begin .. end - 1, at both ends of their bonds. */
+static void peri__special_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+                                peri_real *f) {
+    int i, k, c;
+    for (i = begin; i < end; i++) {
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            int j = b->col[k];
+            peri__bond o;
+            peri_real t[3];
+            if (b->mode[i] == PERI__MAIN && b->mode[j] == PERI__MAIN) continue;
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            if (b->mode[i] != PERI__MAIN) {
+                peri__special_pull(b, m, i, &o, t);
+                for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] += t[c];
+            }
+            if (b->mode[j] != PERI__MAIN) {
+                peri__special_pull(b, m, j, &o, t);
+                for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] += t[c];
+            }
+        }
+    }
+}
+
+/* Fills everything that the loops need of a material. */
+static void peri__matter_make(const peri_material *source, peri__matter *m) {
+    double shear = 7.5 * (double)source->mu, bulk, g2, h2;
+    m->m = *source;
+    peri__basis_compile(&source->g, &m->g);
+    peri__basis_compile(&source->h, &m->h);
+    m->stabiliser = (peri_real)(shear * (double)source->stabiliser);
+    g2 = peri__basis_second(&m->g);
+    h2 = peri__basis_second(&m->h);
+    bulk = (double)source->ls * g2;
+    m->stiffness_g = bulk > 0 ? bulk : 0;
+    m->stiffness_h = (double)source->ms * h2;
+    if (source->model == PERI_MODEL_PROJECTIVE) {
+        shear = (double)source->a + (double)source->b / 2;
+        m->stiffness_g = 0;
+        m->stiffness_h = 2 * (double)source->a + (double)source->b;
+    } else if (source->model == PERI_MODEL_STRETCH) {
+        shear = (double)source->ms;
+    } else {
+        m->stiffness_h = 2 * shear * ((double)source->stabiliser > 1 ? (double)source->stabiliser : 1);
+    }
+    m->restore = (peri_real)(shear * (double)source->restore);
+}
+
+/* Is a particle out of shape? f: its Fbar; h: its C - 1, or NULL. Then fhat (9) is the shape to restore: singular values
+   of Fbar made positive (the smallest one flips) and clamped to [0.5, 1.5]. */
+static int peri__unhealthy(const peri__matter *m, const double f[9], const double *h, peri_real *fhat) {
+    double low = (double)m->m.healthy_min, high = (double)m->m.healthy_max, c[6], u[9], sigma[3], v[9], t[9], away = 0;
+    int i, j, k, bad;
+    if (!(m->restore > 0)) return 0;
+    for (i = 0, k = 0; i < 3; i++)
+        for (j = i; j < 3; j++, k++) {
+            c[k] = f[i] * f[j] + f[3 + i] * f[3 + j] + f[6 + i] * f[6 + j] - (i == j);
+            away += (i == j ? 1 : 2) * c[k] * c[k];
+        }
+    if (h)
+        for (k = 0; k < 6; k++) away += (k < 3 ? 1 : 2) * h[k] * h[k];
+    /* |C - 1| below 1/2: every eigenvalue of C lies in [1/2, 3/2], only the sign of det Fbar is open */
+    if (away < 0.25 && peri_det3(f) > 0 && low < 0.7 && high > 1.23) return 0;
+    peri_svd3(f, u, sigma, v);
+    bad = sigma[2] < low || sigma[0] > high;
+    if (h && !bad) {
+        for (k = 0; k < 6; k++) c[k] = h[k] + (k < 3);
+        peri_eigen3(c, t, v);
+        bad = t[0] < (low > 0 ? low * low : 0) || t[2] > high * high;
+        if (bad) peri_svd3(f, u, sigma, v);
+    }
+    if (!bad) return 0;
+    for (k = 0; k < 3; k++) {
+        double s = fabs(sigma[k]) < 0.5 ? 0.5 : fabs(sigma[k]) > 1.5 ? 1.5 : fabs(sigma[k]);
+        for (i = 0; i < 3; i++) t[3 * i + k] = u[3 * i + k] * s;
+    }
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++)
+            fhat[3 * i + j] =
+                (peri_real)(t[3 * i] * v[3 * j] + t[3 * i + 1] * v[3 * j + 1] + t[3 * i + 2] * v[3 * j + 2]);
+    return 1;
+}
+
+/* ---- implementation 9: a material point -------------------------------------------------------------------------- */
+
+/* Adds what one direction n, of weight w, gives to theta, or to the energy and stress once theta is known. */
+static double peri__point_direction(const peri__matter *m, const double f[9], const double n[3], double w, double slope,
+                                    double *theta, double *p) {
+    double y[3], tau, first, value, gain = 1, pull;
+    int i, j;
+    for (i = 0; i < 3; i++) y[i] = f[3 * i] * n[0] + f[3 * i + 1] * n[1] + f[3 * i + 2] * n[2];
+    tau = sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
+    if (theta) {
+        *theta += w * tau;
+        return 0;
+    }
+    if (m->m.model == PERI_MODEL_PROJECTIVE) {
+        double k = (double)m->m.a + (double)m->m.b / 2;
+        value = k * (tau - 1) * (tau - 1);
+        pull = 2 * k * (tau - 1);
+    } else {
+        if (m->m.anisotropic) {
+            gain = 0;
+            for (j = 0; j < 3; j++) {
+                double d = 0;
+                for (i = 0; i < 3; i++) d += (double)m->m.direction[3 * i + j] * n[i];
+                gain += d * d * (double)m->m.strength[j] * (double)m->m.strength[j];
+            }
+            gain = sqrt(gain);
+        }
+        value = (double)m->m.ms * gain * peri__basis_value(&m->h, tau, &first);
+        pull = (double)m->m.ms * gain * first + slope;
+    }
+    for (i = 0; i < 3 && p && tau > 0; i++)
+        for (j = 0; j < 3; j++) p[3 * i + j] += w * pull / tau * y[i] * n[j];
+    return w * value;
+}
+
+/* Sum over the sphere: Gauss-Legendre in the height, equal angles around. */
+static double peri__point_sphere(const peri__matter *m, const double f[9], double slope, double *theta, double *p) {
+    const int heights = 16, angles = 32;
+    const double pi = 3.14159265358979323846;
+    double sum = 0, n[3];
+    int i, k, it;
+    for (i = 0; i < heights; i++) {
+        double z = cos(pi * (i + 0.75) / (heights + 0.5)), p0 = 1, p1 = z, dp = 1, radius;
+        for (it = 0; it < 6; it++) {
+            for (p0 = 1, p1 = z, k = 2; k <= heights; k++) {
+                double p2 = ((2 * k - 1) * z * p1 - (k - 1) * p0) / k;
+                p0 = p1;
+                p1 = p2;
+            }
+            dp = heights * (z * p1 - p0) / (z * z - 1);
+            z -= p1 / dp;
+        }
+        radius = sqrt(1 - z * z);
+        for (k = 0; k < angles; k++) {
+            n[0] = radius * cos(2 * pi * k / angles);
+            n[1] = radius * sin(2 * pi * k / angles);
+            n[2] = z;
+            sum += peri__point_direction(m, f, n, 1 / ((1 - z * z) * dp * dp * angles), slope, theta, p);
+        }
+    }
+    return sum;
+}
+
+/* Psi(C) and P = 2 F dPsi/dC. */
+static double peri__point_law(const peri_material *m, const double f[9], double *p) {
+    static const int place[9] = {0, 5, 4, 5, 1, 3, 4, 3, 2};
+    double h[6], dpsi[6], value;
+    int i, j, k;
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) h[place[3 * i + j]] = f[i] * f[j] + f[3 + i] * f[3 + j] + f[6 + i] * f[6 + j] - (i == j);
+    value = peri_law_value(m, h, dpsi);
+    for (i = 0; i < 3 && p; i++)
+        for (j = 0; j < 3; j++)
+            for (p[3 * i + j] = 0, k = 0; k < 3; k++) p[3 * i + j] += 2 * f[3 * i + k] * dpsi[place[3 * k + j]];
+    return value;
+}
+
+double peri_material_point(const peri_material *m, const double f[9], double p[9]) {
+    peri__matter matter;
+    double theta = 0, slope, energy;
+    int k;
+    if (m->model == PERI_MODEL_CORRESPONDENCE) return peri__point_law(m, f, p);
+    peri__matter_make(m, &matter);
+    for (k = 0; k < 9 && p; k++) p[k] = 0;
+    if (m->model == PERI_MODEL_PROJECTIVE) return peri__point_sphere(&matter, f, 0, NULL, p);
+    peri__point_sphere(&matter, f, 0, &theta, NULL);
+    energy = (double)m->ls * peri__basis_value(&matter.g, theta, &slope);
+    return energy + peri__point_sphere(&matter, f, (double)m->ls * slope, NULL, p);
+}
+
+#endif /* PERI_MATERIAL_IMPLEMENTED */
+#endif /* PERI_IMPLEMENTATION */

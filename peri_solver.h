@@ -1,0 +1,1695 @@
+/* peri_solver.h - v0.1.0 - numbers: small algebra, sparse SPD solvers - MIT licence
+
+   The first of peri's three floors. It knows nothing of physics: real numbers, 3x3 and 6x6 algebra, hooks for memory
+   and threads, and solvers for A x = b with A symmetric positive definite, given as compressed rows. Alone it is a
+   single-header sparse solver.
+
+   USE
+       #define PERI_IMPLEMENTATION      in ONE translation unit, before the include
+       #include "peri_solver.h"
+
+   QUICK START (three unknowns in a row, three right-hand sides side by side)
+       int row[] = {0, 1, 3, 4}, col[] = {1, 0, 2, 1};
+       peri_real off[] = {-1, -1, -1, -1}, diag[] = {2, 2, 2};
+       peri_real b[9] = {1,0,0, 0,1,0, 0,0,1}, work[9];
+       peri_matrix a;  peri_cholesky *f = NULL;  peri_error err;
+       a.n = 3; a.row = row; a.col = col; a.value = off; a.diagonal = diag;
+       if (peri_cholesky_create(&a, NULL, NULL, &f, &err) == PERI_OK &&
+           peri_cholesky_factor(f, &a, &err) == PERI_OK)
+           peri_cholesky_solve(f, 3, b, work);          (b now holds x)
+       peri_cholesky_destroy(f);
+
+   DOES       sparse Cholesky with nested dissection or minimum degree, float or double; Jacobi; Jacobi + Chebyshev;
+              L-BFGS over any preconditioner; 3x3 eigenvalues, SVD, polar; 6x6 inverse; reproducible log and exp.
+   DOES NOT   handle unsymmetric or indefinite matrices (the failing pivot is reported); run on a GPU.
+
+   OPTIONS (define before including, the same in every translation unit)
+       PERI_DOUBLE         peri_real is double instead of float; checked at link time (one symbol is renamed)
+       PERI_STATIC         every function is static: private to this translation unit
+       PERI_ASSERT(x)      misuse checks; default assert(); the code stays safe when it is empty
+       PERI_NO_CHOLESKY    leaves the Cholesky factorisation out of the binary
+
+   MEMORY        only peri_cholesky_create allocates, through the hook it is given (NULL: realloc and free).
+   THREADS       functions work on what they are passed; nothing is global. Calls on different objects may run at once.
+                 Work is handed to peri_parallel in chunks whose bounds depend on the size alone.
+   DETERMINISM   sums run over fixed blocks in a fixed order: the same bits for any number of threads. With
+                 -ffp-contract=off also across compilers and optimisation levels of one architecture.
+   ERRORS        functions that can fail return peri_result and fill a peri_error (may be NULL): code and one sentence.
+
+   CONTENTS
+       1  configuration, numbers, results
+       2  hooks: memory, threads
+       3  small algebra
+       4  sparse matrices and iterative solvers
+       5  sparse Cholesky
+       6  L-BFGS
+       implementation in the same order
+
+   HISTORY
+       0.1.0  first version
+*/
+#ifndef PERI_SOLVER_H
+#define PERI_SOLVER_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* ---- 1  configuration, numbers, results -------------------------------------------------------------------------- */
+
+#define PERI_VERSION_MAJOR 0
+#define PERI_VERSION_MINOR 1
+#define PERI_VERSION_PATCH 0
+#define PERI_VERSION "0.1.0"
+
+#ifdef __cplusplus
+#define PERI__EXTERN extern "C"
+#else
+#define PERI__EXTERN extern
+#endif
+#ifdef PERI_STATIC
+#if defined(__GNUC__) || defined(__clang__)
+#define PERI_DEF static __attribute__((unused))
+#else
+#define PERI_DEF static
+#endif
+#else
+#define PERI_DEF PERI__EXTERN
+#endif
+
+#ifdef PERI_DOUBLE
+typedef double peri_real;
+/* A float caller linked with a double implementation must not link: these two symbols differ. */
+#define peri_world_create peri_world_create_double
+#define peri_cholesky_create peri_cholesky_create_double
+#else
+typedef float peri_real;
+#endif
+
+/* What a function answers: 0 is success. */
+typedef enum peri_result {
+    PERI_OK = 0,
+    PERI_ERROR_ARGUMENT,    /* null pointer, missing cookie, unknown enumerator */
+    PERI_ERROR_VALUE,       /* NaN, infinity, or a number outside its range */
+    PERI_ERROR_INDEX,       /* index outside its array */
+    PERI_ERROR_ID,          /* id of something removed, or never made */
+    PERI_ERROR_GEOMETRY,    /* open mesh, coincident points, empty body */
+    PERI_ERROR_LIMIT,       /* a limit of the world's definition, or 32 bits, would be passed */
+    PERI_ERROR_MEMORY,      /* the allocator returned nothing */
+    PERI_ERROR_PIVOT,       /* the matrix is not positive definite */
+    PERI_ERROR_NUMERIC,     /* a step met a number that is not finite */
+    PERI_ERROR_CONVERGENCE  /* a step did not reach its tolerance and the world asks for that */
+} peri_result;
+
+/* Why a call failed: the code and one sentence that names the argument and its value, and the remedy. */
+typedef struct peri_error {
+    peri_result code;
+    char text[240];
+} peri_error;
+
+typedef struct peri_vec3 {
+    peri_real x, y, z;
+} peri_vec3;
+
+/* ---- 2  hooks: memory, threads ----------------------------------------------------------------------------------- */
+
+/* Memory. realloc-like: ptr NULL allocates, new_bytes 0 frees (and returns NULL), old_bytes is what was asked for
+   before. Must return memory aligned for double, or NULL. Called from the thread that calls peri, never from tasks. */
+typedef struct peri_allocator {
+    void *(*resize)(void *ptr, size_t old_bytes, size_t new_bytes, void *user);
+    void *user;
+} peri_allocator;
+
+/* A piece of a loop: handles [begin, end). Pieces of one loop never write to the same place. */
+typedef void peri_task(int begin, int end, void *context);
+
+/* Threads. run must call task for consecutive pieces that cover [0, count), cut at multiples of grain, in any order
+   and on any thread, and return when all are done. run NULL: OpenMP with `threads` threads where it is compiled in
+   (threads 0: as many as OpenMP likes), else serial. */
+typedef struct peri_parallel {
+    void (*run)(int count, int grain, peri_task *task, void *context, void *user);
+    void *user;
+    int threads;
+} peri_parallel;
+
+/* Runs task over [0, count) in pieces of grain (the last one shorter). par NULL: serial. */
+PERI_DEF void peri_parallel_for(const peri_parallel *par, int count, int grain, peri_task *task, void *context);
+
+/* Sum of a[k]*b[k], k < n, in double, by fixed blocks: the same bits whatever the threads. */
+PERI_DEF double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b);
+
+/* ---- 3  small algebra (double: accuracy matters more than speed here) -------------------------------------------- */
+/* 3x3 matrices are 9 doubles in rows. Symmetric ones are 6 in Voigt order: 00, 11, 22, 12, 02, 01. */
+
+/* Natural logarithm (x > 0, finite) and exponential (result finite) with the same bits under every libm.
+   Error below 2 ulp. */
+PERI_DEF double peri_log(double x);
+PERI_DEF double peri_exp(double x);
+
+/* Determinant; inverse times determinant (cofactors transposed); product c = a b. c may not alias a or b. */
+PERI_DEF double peri_det3(const double a[9]);
+PERI_DEF void peri_adjugate3(const double a[9], double c[9]);
+PERI_DEF void peri_mul3(const double a[9], const double b[9], double c[9]);
+
+/* Eigenvalues (ascending) and orthonormal eigenvectors (columns of v, right-handed) of a symmetric matrix in Voigt
+   order, by cyclic Jacobi: always converges, also for repeated eigenvalues. */
+PERI_DEF void peri_eigen3(const double s[6], double value[3], double v[9]);
+
+/* Singular values of f = u diag(sigma) v^T with u and v rotations: sigma descending, the last one carries the sign of
+   det f. Never fails, whatever the rank. */
+PERI_DEF void peri_svd3(const double f[9], double u[9], double sigma[3], double v[9]);
+
+/* Rotation closest to f: u v^T of peri_svd3. */
+PERI_DEF void peri_polar3(const double f[9], double r[9]);
+
+/* Inverse of a symmetric positive definite 6x6 matrix, packed by rows of its lower triangle (21 numbers), in place.
+   Returns 0 and leaves m alone when the smallest pivot is below `relative` times the largest diagonal entry. */
+PERI_DEF int peri_invert6(double m[21], double relative);
+
+/* ---- 4  sparse matrices and iterative solvers -------------------------------------------------------------------- */
+
+/* A symmetric matrix in compressed rows, its diagonal apart: row i holds value[k] in column col[k] for
+   row[i] <= k < row[i+1], col[k] != i, columns ascending, both (i, j) and (j, i) stored. Vectors of a solve hold
+   `rhs` right-hand sides side by side: x[rhs*i + c]. Everything belongs to the caller. */
+typedef struct peri_matrix {
+    int n;
+    const int *row;             /* n + 1 */
+    const int *col;             /* row[n] */
+    const peri_real *value;     /* row[n] */
+    const peri_real *diagonal;  /* n */
+} peri_matrix;
+
+/* y = A x for 3 right-hand sides (x, y: 3 n). y may not alias x. */
+PERI_DEF void peri_matrix_multiply3(const peri_matrix *a, const peri_parallel *par, const peri_real *x, peri_real *y);
+
+/* x = D^-1 b for 3 right-hand sides, D = diagonal of A: one Jacobi sweep from zero (PP, section 4.2). */
+PERI_DEF void peri_jacobi3(const peri_matrix *a, const peri_parallel *par, const peri_real *b, peri_real *x);
+
+/* x = p(D^-1 A) D^-1 b with the Chebyshev polynomial p of degree sweeps - 1 for eigenvalues of D^-1 A in [low, high]:
+   Jacobi with Chebyshev acceleration from zero (PP, section 4.2 after Wang 2015). A fixed linear, symmetric and
+   positive operator, so fit as a preconditioner. sweeps >= 1: it multiplies with A sweeps - 1 times, and shrinks what
+   lies in [low, high], 0 <= low <= high, by 1 / T(sweeps, (high + low) / (high - low)), T the Chebyshev polynomial.
+   For a diagonally dominant A, high = 2 is safe and low is at least the smallest (row sum / diagonal); a larger low
+   spends the sweeps on the short waves. Eigenvalues above high are blown up. b, x: 3 n; work: 6 n. */
+PERI_DEF void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps, double low, double high,
+                              const peri_real *b, peri_real *x, peri_real *work);
+
+/* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------ */
+#ifndef PERI_NO_CHOLESKY
+
+typedef struct peri_cholesky peri_cholesky;
+
+/* Analyses the pattern of a (values are not read): ordering, elimination tree, column counts. xyz: 3 n coordinates
+   (nested dissection by position) or NULL (minimum degree on the graph). memory NULL: realloc and free; it must
+   outlive the factor. Errors: ARGUMENT, INDEX (pattern), VALUE (a coordinate is not finite), LIMIT (factor beyond
+   2^31 entries), MEMORY. */
+PERI_DEF peri_result peri_cholesky_create(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
+                                          peri_cholesky **out, peri_error *err);
+
+/* Computes L from the values of a, whose pattern must be the one analysed (else ARGUMENT); may be called again.
+   PERI_ERROR_PIVOT names the first row whose pivot is not positive; the factor is then unusable until it succeeds. */
+PERI_DEF peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err);
+
+/* Overwrites x (rhs * n, in: b, out: the solution). rhs 1 to 3; work: rhs * n. Reads f only: may run at once on
+   several threads with different x and work. */
+PERI_DEF void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work);
+
+/* Entries of L, and all bytes held. */
+PERI_DEF size_t peri_cholesky_entries(const peri_cholesky *f);
+PERI_DEF size_t peri_cholesky_bytes(const peri_cholesky *f);
+
+/* Frees; NULL is fine. */
+PERI_DEF void peri_cholesky_destroy(peri_cholesky *f);
+
+#endif
+
+/* ---- 6  L-BFGS --------------------------------------------------------------------------------------------------- */
+#define PERI_LBFGS_MAX 8
+
+/* A preconditioner: p = P^-1 g, symmetric and positive. g may not alias p. */
+typedef void peri_precondition(const peri_real *g, peri_real *p, void *context);
+
+/* The memory of the last `m` steps; vectors belong to the caller: 2 * m * n reals. */
+typedef struct peri_lbfgs {
+    int n, m, used, head;
+    peri_real *s, *y;           /* m vectors of n each */
+    double rho[PERI_LBFGS_MAX];
+} peri_lbfgs;
+
+/* Starts with no memory. m at most PERI_LBFGS_MAX; m = 0 makes apply the bare preconditioner. */
+PERI_DEF void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors);
+
+/* Remembers a step s and the change y of the gradient over it, when s.y is clearly positive; else ignores the pair. */
+PERI_DEF void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y);
+
+/* p = -H g with H the two-loop recursion around the preconditioner (Nocedal 1980); precondition NULL: the identity.
+   p may not alias g. work: n. */
+PERI_DEF void peri_lbfgs_apply(const peri_lbfgs *l, const peri_parallel *par, const peri_real *g, peri_real *p,
+                               peri_real *work, peri_precondition *precondition, void *context);
+
+#endif /* PERI_SOLVER_H */
+/* Stop here if you only want the API. */
+
+/* ================================================================================================================== */
+#ifdef PERI_IMPLEMENTATION
+#ifndef PERI_SOLVER_IMPLEMENTED
+#define PERI_SOLVER_IMPLEMENTED
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+#ifndef PERI_ASSERT
+#include <assert.h>
+#define PERI_ASSERT(x) assert(x)
+#endif
+
+/* Helpers that the upper floors share may go unused here; PERI__RESTRICT tells that outputs do not overlap inputs. */
+#if defined(__GNUC__) || defined(__clang__)
+#define PERI__SHARED static __attribute__((unused))
+#define PERI__FORMAT(a, b) __attribute__((format(printf, a, b)))
+#define PERI__RESTRICT __restrict
+#else
+#define PERI__SHARED static
+#define PERI__FORMAT(a, b)
+#ifdef _MSC_VER
+#define PERI__RESTRICT __restrict
+#else
+#define PERI__RESTRICT
+#endif
+#endif
+
+/* ---- 1  results, numbers ----------------------------------------------------------------------------------------- */
+
+PERI__SHARED peri_result peri__fail(peri_error *err, peri_result code, const char *format, ...) PERI__FORMAT(3, 4);
+
+/* Fills err (when there is one) and returns the code. */
+PERI__SHARED peri_result peri__fail(peri_error *err, peri_result code, const char *format, ...) {
+    if (err) {
+        va_list list;
+        err->code = code;
+        va_start(list, format);
+        vsnprintf(err->text, sizeof err->text, format, list);
+        va_end(list);
+    }
+    return code;
+}
+
+PERI__SHARED peri_result peri__succeed(peri_error *err) {
+    if (err) {
+        err->code = PERI_OK;
+        err->text[0] = 0;
+    }
+    return PERI_OK;
+}
+
+static uint64_t peri__bits(double x) {
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return bits;
+}
+
+static double peri__from_bits(uint64_t bits) {
+    double x;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+/* By the exponent's bits, since -ffast-math lets a compiler assume x == x. */
+PERI__SHARED int peri__finite(double x) { return (peri__bits(x) >> 52 & 0x7ff) != 0x7ff; }
+
+/* ---- 2  hooks ---------------------------------------------------------------------------------------------------- */
+
+PERI__SHARED void *peri__resize(const peri_allocator *memory, void *ptr, size_t old_bytes, size_t new_bytes) {
+    if (memory && memory->resize) return memory->resize(ptr, old_bytes, new_bytes, memory->user);
+    if (new_bytes) return realloc(ptr, new_bytes);
+    free(ptr);
+    return NULL;
+}
+
+/* *out = a b; 0 when that does not fit. */
+PERI__SHARED int peri__mul_size(size_t a, size_t b, size_t *out) {
+    *out = a * b;
+    return b == 0 || a <= (size_t)-1 / b;
+}
+
+static void peri__piece(int piece, int count, int grain, peri_task *task, void *context) {
+    int begin = piece * grain;
+    task(begin, count - begin > grain ? begin + grain : count, context);
+}
+
+void peri_parallel_for(const peri_parallel *par, int count, int grain, peri_task *task, void *context) {
+    int piece, pieces;
+    if (grain < 1) grain = 1;
+    pieces = count > 0 ? (count - 1) / grain + 1 : 0;
+    if (par && pieces > 1) {
+        if (par->run) {
+            par->run(count, grain, task, context, par->user);
+            return;
+        }
+#ifdef _OPENMP
+        if (par->threads != 1) {
+            int threads = par->threads > 0 ? par->threads : omp_get_max_threads();
+#pragma omp parallel for schedule(static) num_threads(threads)
+            for (piece = 0; piece < pieces; piece++) peri__piece(piece, count, grain, task, context);
+            return;
+        }
+#endif
+    }
+    for (piece = 0; piece < pieces; piece++) peri__piece(piece, count, grain, task, context);
+}
+
+#define PERI__BLOCKS 64 /* partial sums of a dot product */
+#define PERI__GRAIN 256 /* rows in a piece of a loop over a matrix */
+#define PERI__RUN 4096  /* numbers in a piece of a loop over vectors, and the shortest block of a dot product */
+
+typedef struct peri__dot_task {
+    const peri_real *a, *b;
+    int n, block;
+    double sum[PERI__BLOCKS];
+} peri__dot_task;
+
+/* Four interleaved sums hide the latency of the addition; their order is as fixed as that of one. */
+static void peri__dot_blocks(int begin, int end, void *context) {
+    peri__dot_task *t = (peri__dot_task *)context;
+    int block;
+    for (block = begin; block < end; block++) {
+        const peri_real *a = t->a + (ptrdiff_t)block * t->block, *b = t->b + (ptrdiff_t)block * t->block;
+        ptrdiff_t left = t->n - (ptrdiff_t)block * t->block;
+        int i, n = left < t->block ? (int)left : t->block;
+        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+        for (i = 0; i + 3 < n; i += 4) {
+            s0 += (double)a[i] * (double)b[i];
+            s1 += (double)a[i + 1] * (double)b[i + 1];
+            s2 += (double)a[i + 2] * (double)b[i + 2];
+            s3 += (double)a[i + 3] * (double)b[i + 3];
+        }
+        for (; i < n; i++) s0 += (double)a[i] * (double)b[i];
+        t->sum[block] = (s0 + s1) + (s2 + s3);
+    }
+}
+
+double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
+    peri__dot_task t;
+    double sum = 0;
+    int block, blocks;
+    if (n <= 0) return 0;
+    t.a = a;
+    t.b = b;
+    t.n = n;
+    t.block = (n - 1) / PERI__BLOCKS + 1;
+    if (t.block < PERI__RUN) t.block = PERI__RUN;
+    blocks = (n - 1) / t.block + 1;
+    peri_parallel_for(par, blocks, 1, peri__dot_blocks, &t);
+    for (block = 0; block < blocks; block++) sum += t.sum[block];
+    return sum;
+}
+
+/* ---- 3  small algebra -------------------------------------------------------------------------------------------- */
+
+/* ln 2 in two parts: the first has 33 bits, so a multiple by an exponent is exact (Cody & Waite 1980). */
+#define PERI__LN2_HIGH 6.93147180369123816490e-01
+#define PERI__LN2_LOW 1.90821492927058770002e-10
+#define PERI__NAN 0x7ff8000000000000ULL
+#define PERI__INFINITY 0x7ff0000000000000ULL
+
+/* x = 2^k (1 + f) with 1 + f in [sqrt(1/2), sqrt 2]; log(1 + f) = 2 atanh(s), s = f / (2 + f), as the odd series in s.
+   2 s is rewritten as f - f^2/2 + s f^2/2, so that the leading term f is exact (the arrangement of fdlibm).
+   |s| < 0.172: ten terms leave less than 1e-18 of the result. */
+double peri_log(double x) {
+    static const double term[10] = {2.0 / 21, 2.0 / 19, 2.0 / 17, 2.0 / 15, 2.0 / 13,
+                                    2.0 / 11, 2.0 / 9,  2.0 / 7,  2.0 / 5,  2.0 / 3};
+    double f, s, z, r = 0, half;
+    uint64_t bits;
+    int i, k = -1023;
+    if (!(x > 0) || !peri__finite(x)) return peri__from_bits(PERI__NAN);
+    if (peri__bits(x) >> 52 == 0) { /* subnormal */
+        x *= 18014398509481984.0;
+        k -= 54;
+    }
+    bits = peri__bits(x);
+    k += (int)(bits >> 52);
+    x = peri__from_bits((bits & 0x000fffffffffffffULL) | 0x3ff0000000000000ULL);
+    if (x > 1.4142135623730951) {
+        x *= 0.5;
+        k++;
+    }
+    f = x - 1;
+    s = f / (2 + f);
+    z = s * s;
+    for (i = 0; i < 10; i++) r = z * (term[i] + r);
+    half = 0.5 * f * f;
+    return k * PERI__LN2_HIGH - ((half - (s * (half + r) + k * PERI__LN2_LOW)) - f);
+}
+
+/* exp(x) = 2^k exp(r), |r| <= ln 2 / 2, Taylor to r^13: remainder below 5e-18. 2^k in two factors, since k reaches
+   beyond the exponents of normal numbers. */
+double peri_exp(double x) {
+    static const double inverse_factorial[12] = {
+        1.0 / 6227020800.0, 1.0 / 479001600.0, 1.0 / 39916800.0, 1.0 / 3628800.0, 1.0 / 362880.0, 1.0 / 40320.0,
+        1.0 / 5040.0,       1.0 / 720.0,       1.0 / 120.0,      1.0 / 24.0,      1.0 / 6.0,      0.5};
+    double high, low, r, p = 0;
+    int i, k, first;
+    if (x > 709.79) return peri__from_bits(PERI__INFINITY);
+    if (x < -745.2) return 0;
+    if (!peri__finite(x)) return x;
+    k = (int)floor(x * 1.4426950408889634 + 0.5);
+    high = x - k * PERI__LN2_HIGH;
+    low = k * PERI__LN2_LOW;
+    r = high - low;
+    for (i = 0; i < 12; i++) p = p * r + inverse_factorial[i];
+    p = 1 + (high + (r * r * p - low));
+    first = k / 2;
+    return p * peri__from_bits((uint64_t)(first + 1023) << 52) * peri__from_bits((uint64_t)(k - first + 1023) << 52);
+}
+
+void peri_adjugate3(const double a[9], double c[9]) {
+    c[0] = a[4] * a[8] - a[5] * a[7];
+    c[1] = a[2] * a[7] - a[1] * a[8];
+    c[2] = a[1] * a[5] - a[2] * a[4];
+    c[3] = a[5] * a[6] - a[3] * a[8];
+    c[4] = a[0] * a[8] - a[2] * a[6];
+    c[5] = a[2] * a[3] - a[0] * a[5];
+    c[6] = a[3] * a[7] - a[4] * a[6];
+    c[7] = a[1] * a[6] - a[0] * a[7];
+    c[8] = a[0] * a[4] - a[1] * a[3];
+}
+
+double peri_det3(const double a[9]) {
+    return a[0] * (a[4] * a[8] - a[5] * a[7]) + a[1] * (a[5] * a[6] - a[3] * a[8]) + a[2] * (a[3] * a[7] - a[4] * a[6]);
+}
+
+void peri_mul3(const double a[9], const double b[9], double c[9]) {
+    int i, j;
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++) c[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+}
+
+/* Columns p and q of m, turned: (c p - s q, s p + c q). */
+static void peri__turn(double m[9], int p, int q, double c, double s) {
+    int i;
+    for (i = 0; i < 9; i += 3) {
+        double x = m[i + p], y = m[i + q];
+        m[i + p] = c * x - s * y;
+        m[i + q] = s * x + c * y;
+    }
+}
+
+/* Cosine and sine of the Jacobi rotation that makes [a b; b d] diagonal; the tangent is the smaller root (Golub & Van
+   Loan, section 8.5). */
+static double peri__jacobi_angle(double a, double b, double d, double *c, double *s) {
+    double theta = (d - a) / (2 * b), t = 1 / (fabs(theta) + sqrt(theta * theta + 1));
+    if (theta < 0) t = -t;
+    *c = 1 / sqrt(t * t + 1);
+    *s = t * *c;
+    return t;
+}
+
+/* Sorts value (ascending) with the columns of v, and of w when there is one. A quarter turn swaps two columns and
+   keeps the determinant. */
+static void peri__sort3(double value[3], double *v, double *w) {
+    static const int pair[3] = {0, 1, 0};
+    int i;
+    for (i = 0; i < 3; i++) {
+        int p = pair[i];
+        double x = value[p];
+        if (!(x > value[p + 1])) continue;
+        value[p] = value[p + 1];
+        value[p + 1] = x;
+        peri__turn(v, p, p + 1, 0, 1);
+        if (w) peri__turn(w, p, p + 1, 0, 1);
+    }
+}
+
+static void peri__identity3(double m[9]) {
+    int i;
+    for (i = 0; i < 9; i++) m[i] = i % 4 == 0;
+}
+
+/* Sixteen sweeps are far more than quadratic convergence takes: they only bound the loop when there are NaNs. An
+   entry below 2^-60 of its diagonal is nothing. */
+void peri_eigen3(const double s[6], double value[3], double v[9]) {
+    double a[9];
+    int sweep, p, q, turned = 1, i;
+    a[0] = s[0];
+    a[4] = s[1];
+    a[8] = s[2];
+    a[5] = a[7] = s[3];
+    a[2] = a[6] = s[4];
+    a[1] = a[3] = s[5];
+    peri__identity3(v);
+    for (sweep = 0; sweep < 16 && turned; sweep++) {
+        turned = 0;
+        for (p = 0; p < 2; p++)
+            for (q = p + 1; q < 3; q++) {
+                int r = 3 - p - q;
+                double b = a[3 * p + q], cosine, sine, t, x = a[3 * r + p], y = a[3 * r + q];
+                if (fabs(b) <= 8.7e-19 * (fabs(a[4 * p]) + fabs(a[4 * q]))) continue;
+                t = peri__jacobi_angle(a[4 * p], b, a[4 * q], &cosine, &sine);
+                a[4 * p] -= t * b;
+                a[4 * q] += t * b;
+                a[3 * p + q] = a[3 * q + p] = 0;
+                a[3 * r + p] = a[3 * p + r] = cosine * x - sine * y;
+                a[3 * r + q] = a[3 * q + r] = sine * x + cosine * y;
+                peri__turn(v, p, q, cosine, sine);
+                turned = 1;
+            }
+    }
+    for (i = 0; i < 3; i++) value[i] = a[4 * i];
+    peri__sort3(value, v, NULL);
+}
+
+static double peri__column_dot(const double m[9], int p, int q) {
+    return m[p] * m[q] + m[3 + p] * m[3 + q] + m[6 + p] * m[6 + q];
+}
+
+/* Turns pairs of columns of g (and of v) until they are orthogonal: one-sided Jacobi (Hestenes 1958; Demmel & Veselic
+   1992 on its accuracy for small singular values). Columns shorter than 1e-145 count as zero: their squares would
+   underflow. */
+static void peri__orthogonalise(double g[9], double v[9]) {
+    int sweep, p, q, turned = 1;
+    for (sweep = 0; sweep < 24 && turned; sweep++) {
+        turned = 0;
+        for (p = 0; p < 2; p++)
+            for (q = p + 1; q < 3; q++) {
+                double a = peri__column_dot(g, p, p), b = peri__column_dot(g, p, q), d = peri__column_dot(g, q, q);
+                double cosine, sine;
+                if (a < 1e-290 || d < 1e-290 || fabs(b) <= 4e-16 * sqrt(a) * sqrt(d)) continue;
+                peri__jacobi_angle(a, b, d, &cosine, &sine);
+                peri__turn(g, p, q, cosine, sine);
+                peri__turn(v, p, q, cosine, sine);
+                turned = 1;
+            }
+    }
+}
+
+/* A unit vector across the unit vector a: a x e with e the axis that a leans to least. */
+static void peri__across(const double a[3], double b[3]) {
+    int i = fabs(a[0]) < fabs(a[1]) ? 0 : 1, j, k;
+    double length;
+    if (fabs(a[2]) < fabs(a[i])) i = 2;
+    j = (i + 1) % 3;
+    k = (i + 2) % 3;
+    length = sqrt(a[j] * a[j] + a[k] * a[k]);
+    b[i] = 0;
+    b[j] = a[k] / length;
+    b[k] = -a[j] / length;
+}
+
+/* Unit vectors u0 along column 0 of g, u1 along what column 1 has across u0, u2 = u0 x u1; any where a column is 0. */
+static void peri__frame(const double g[9], double u[9]) {
+    double a[3], b[3], length, along;
+    int i;
+    length = sqrt(peri__column_dot(g, 0, 0));
+    for (i = 0; i < 3; i++) a[i] = length > 1e-145 ? g[3 * i] / length : (i == 0 ? 1.0 : 0.0);
+    length = sqrt(peri__column_dot(g, 1, 1));
+    if (length > 1e-145) {
+        for (i = 0; i < 3; i++) b[i] = g[3 * i + 1] / length;
+        along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        for (i = 0; i < 3; i++) b[i] -= along * a[i];
+        length = sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2]);
+        for (i = 0; i < 3; i++) b[i] /= length;
+    } else {
+        peri__across(a, b);
+    }
+    for (i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        u[3 * i] = a[i];
+        u[3 * i + 1] = b[i];
+        u[3 * i + 2] = a[j] * b[k] - a[k] * b[j];
+    }
+}
+
+/* One-sided Jacobi: f v = g with orthogonal columns, whose lengths are the singular values; all turns, so det v = 1.
+   The scale is a power of two, so dividing by it is exact. */
+void peri_svd3(const double f[9], double u[9], double sigma[3], double v[9]) {
+    double g[9], length[3], scale = 0;
+    int i;
+    peri__identity3(u);
+    peri__identity3(v);
+    sigma[0] = sigma[1] = sigma[2] = 0;
+    for (i = 0; i < 9; i++) {
+        if (!peri__finite(f[i])) sigma[0] = sigma[1] = sigma[2] = peri__from_bits(PERI__NAN);
+        if (fabs(f[i]) > scale) scale = fabs(f[i]);
+    }
+    if (!(scale > 0) || !peri__finite(sigma[0])) return;
+    if (peri__bits(scale) >> 52) scale = peri__from_bits(peri__bits(scale) >> 52 << 52);
+    for (i = 0; i < 9; i++) g[i] = f[i] / scale;
+    peri__orthogonalise(g, v);
+    for (i = 0; i < 3; i++) length[i] = -sqrt(peri__column_dot(g, i, i));
+    peri__sort3(length, v, g);
+    peri__frame(g, u);
+    for (i = 0; i < 3; i++) sigma[i] = scale * (u[i] * g[i] + u[3 + i] * g[3 + i] + u[6 + i] * g[6 + i]);
+    if (sigma[1] > sigma[0]) sigma[1] = sigma[0]; /* equal but for rounding */
+    if (fabs(sigma[2]) > sigma[1]) sigma[2] = sigma[2] > 0 ? sigma[1] : -sigma[1];
+}
+
+void peri_polar3(const double f[9], double r[9]) {
+    double u[9], v[9], sigma[3];
+    int i, j;
+    peri_svd3(f, u, sigma, v);
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++)
+            r[3 * i + j] = u[3 * i] * v[3 * j] + u[3 * i + 1] * v[3 * j + 1] + u[3 * i + 2] * v[3 * j + 2];
+}
+
+#define PERI__AT(i, j) ((i) * ((i) + 1) / 2 + (j)) /* packed lower triangle, j <= i */
+
+/* m = L L^T, then K = L^-1 in place of L, then K^T K. */
+int peri_invert6(double m[21], double relative) {
+    double l[21], largest = 0;
+    int i, j, k;
+    for (i = 0; i < 6; i++)
+        if (m[PERI__AT(i, i)] > largest) largest = m[PERI__AT(i, i)];
+    for (i = 0; i < 6; i++)
+        for (j = 0; j <= i; j++) {
+            double x = m[PERI__AT(i, j)];
+            for (k = 0; k < j; k++) x -= l[PERI__AT(i, k)] * l[PERI__AT(j, k)];
+            if (j < i) {
+                l[PERI__AT(i, j)] = x / l[PERI__AT(j, j)];
+            } else {
+                if (!(x > 0) || x < relative * largest || !peri__finite(x)) return 0;
+                l[PERI__AT(i, i)] = sqrt(x);
+            }
+        }
+    for (j = 0; j < 6; j++) {
+        l[PERI__AT(j, j)] = 1 / l[PERI__AT(j, j)];
+        for (i = j + 1; i < 6; i++) {
+            double x = 0;
+            for (k = j; k < i; k++) x -= l[PERI__AT(i, k)] * l[PERI__AT(k, j)];
+            l[PERI__AT(i, j)] = x / l[PERI__AT(i, i)];
+        }
+    }
+    for (i = 0; i < 6; i++)
+        for (j = 0; j <= i; j++) {
+            double x = 0;
+            for (k = i; k < 6; k++) x += l[PERI__AT(k, i)] * l[PERI__AT(k, j)];
+            m[PERI__AT(i, j)] = x;
+        }
+    return 1;
+}
+
+/* ---- 4  sparse matrices and iterative solvers -------------------------------------------------------------------- */
+
+/* Row i of A x, summed in double whatever peri_real is: a residual is a small difference. */
+static void peri__row3(const peri_matrix *a, const peri_real *PERI__RESTRICT x, int i, double y[3]) {
+    const int *PERI__RESTRICT col = a->col;
+    const peri_real *PERI__RESTRICT value = a->value, *z = x + 3 * (ptrdiff_t)i;
+    double d = (double)a->diagonal[i], y0 = d * (double)z[0], y1 = d * (double)z[1], y2 = d * (double)z[2];
+    int k, end = a->row[i + 1];
+    for (k = a->row[i]; k < end; k++) {
+        double v = (double)value[k];
+        z = x + 3 * (ptrdiff_t)col[k];
+        y0 += v * (double)z[0];
+        y1 += v * (double)z[1];
+        y2 += v * (double)z[2];
+    }
+    y[0] = y0;
+    y[1] = y1;
+    y[2] = y2;
+}
+
+typedef struct peri__sweep {
+    const peri_matrix *a;
+    const peri_real *in;
+    peri_real *out, *residual, *step;
+    double keep, add; /* step = keep step + add residual */
+} peri__sweep;
+
+static void peri__multiply_rows(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    int i, c;
+    for (i = begin; i < end; i++) {
+        peri_real *out = t->out + 3 * (ptrdiff_t)i;
+        double y[3];
+        peri__row3(t->a, t->in, i, y);
+        for (c = 0; c < 3; c++) out[c] = (peri_real)y[c];
+    }
+}
+
+void peri_matrix_multiply3(const peri_matrix *a, const peri_parallel *par, const peri_real *x, peri_real *y) {
+    peri__sweep t;
+    PERI_ASSERT(a && (a->n == 0 || x != y));
+    memset(&t, 0, sizeof t);
+    t.a = a;
+    t.in = x;
+    t.out = y;
+    peri_parallel_for(par, a->n, PERI__GRAIN, peri__multiply_rows, &t);
+}
+
+static void peri__jacobi_rows(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    int i, c;
+    for (i = begin; i < end; i++) {
+        const peri_real *in = t->in + 3 * (ptrdiff_t)i;
+        peri_real *out = t->out + 3 * (ptrdiff_t)i;
+        double inverse = 1 / (double)t->a->diagonal[i];
+        for (c = 0; c < 3; c++) out[c] = (peri_real)((double)in[c] * inverse);
+    }
+}
+
+void peri_jacobi3(const peri_matrix *a, const peri_parallel *par, const peri_real *b, peri_real *x) {
+    peri__sweep t;
+    PERI_ASSERT(a);
+    memset(&t, 0, sizeof t);
+    t.a = a;
+    t.in = b;
+    t.out = x;
+    peri_parallel_for(par, a->n, PERI__GRAIN, peri__jacobi_rows, &t);
+}
+
+static void peri__chebyshev_residual(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    int i, c;
+    for (i = begin; i < end; i++) {
+        peri_real *r = t->residual + 3 * (ptrdiff_t)i;
+        double y[3], inverse = 1 / (double)t->a->diagonal[i];
+        peri__row3(t->a, t->step, i, y);
+        for (c = 0; c < 3; c++) r[c] = (peri_real)((double)r[c] - y[c] * inverse);
+    }
+}
+
+static void peri__chebyshev_step(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    ptrdiff_t i;
+    for (i = 3 * (ptrdiff_t)begin; i < 3 * (ptrdiff_t)end; i++) {
+        t->step[i] = (peri_real)(t->keep * (double)t->step[i] + t->add * (double)t->residual[i]);
+        t->out[i] += t->step[i];
+    }
+}
+
+/* Saad, "Iterative Methods for Sparse Linear Systems", algorithm 12.1, for D^-1 A: with theta and delta the middle and
+   half the width of [low, high], rho' = 1 / (2 theta/delta - rho), step' = rho' rho step + (2 rho'/delta) residual.
+   Written with f = 1 / (2 theta - delta rho), so that delta = 0 is plain damped Jacobi. */
+void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps, double low, double high,
+                     const peri_real *b, peri_real *x, peri_real *work) {
+    double theta = 0.5 * (high + low), delta = 0.5 * (high - low), rho = delta / theta;
+    peri__sweep t;
+    int sweep;
+    PERI_ASSERT(a && sweeps >= 1 && low >= 0 && high >= low && high > 0);
+    if (a->n <= 0) return;
+    t.a = a;
+    t.in = b;
+    t.residual = t.out = work;
+    t.step = work + 3 * (ptrdiff_t)a->n;
+    peri_parallel_for(par, a->n, PERI__GRAIN, peri__jacobi_rows, &t);
+    t.out = x;
+    memset(x, 0, 3 * (size_t)a->n * sizeof *x);
+    memset(t.step, 0, 3 * (size_t)a->n * sizeof *x);
+    t.keep = 0;
+    t.add = 1 / theta;
+    for (sweep = 0; sweep < sweeps; sweep++) {
+        double f = 1 / (2 * theta - delta * rho);
+        if (sweep > 0) {
+            peri_parallel_for(par, a->n, PERI__GRAIN, peri__chebyshev_residual, &t);
+            t.keep = delta * f * rho;
+            t.add = 2 * f;
+            rho = delta * f;
+        }
+        peri_parallel_for(par, a->n, PERI__GRAIN, peri__chebyshev_step, &t);
+    }
+}
+
+/* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------ */
+#ifndef PERI_NO_CHOLESKY
+
+#define PERI__LEAF 32  /* vertices that are not worth dissecting */
+#define PERI__BINS 256 /* of a histogram of positions */
+#define PERI__WIDE 4   /* columns that the inner loops handle together */
+
+/* A = P^T L L^T P. Columns of L with the same rows below them form a supernode: one list of rows (its own columns
+   first) serves all; column c of a supernode is a run of values for the rows from the c-th on, first its own row,
+   whose entry is stored inverted. */
+struct peri_cholesky {
+    peri_allocator memory;
+    size_t bytes, bytes_column, bytes_rows, bytes_value;
+    size_t entries;
+    uint64_t pattern;       /* hash of the pattern analysed */
+    int n, supers, ready;
+    int *order, *place;     /* the row of a that comes k-th, and where row i of a went */
+    int *parent, *super;    /* elimination tree; supernode of a column */
+    int *first;             /* supers + 1: first column of a supernode */
+    int *head, *next, *seen; /* scratch: lists of supernodes by the next row to update */
+    size_t *list;           /* supers + 1: where the rows of a supernode begin */
+    size_t *start;          /* n + 1: where the values of a column begin */
+    int *rows;
+    peri_real *value;
+    double *work, *sum;     /* scratch: a column of L, in the making */
+};
+
+/* FNV-1a over rows and columns: a factor refuses a matrix with other entries. */
+static uint64_t peri__pattern(const peri_matrix *a) {
+    uint64_t hash = 14695981039346656037ULL;
+    int i;
+    for (i = 0; i < a->n; i++) hash = (hash ^ (uint32_t)a->row[i + 1]) * 1099511628211ULL;
+    for (i = 0; a->n > 0 && i < a->row[a->n]; i++) hash = (hash ^ (uint32_t)a->col[i]) * 1099511628211ULL;
+    return hash;
+}
+
+static int peri__stores(const peri_matrix *a, int i, int j) {
+    int low = a->row[i], high = a->row[i + 1];
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (a->col[middle] < j) low = middle + 1; else high = middle;
+    }
+    return low < a->row[i + 1] && a->col[low] == j;
+}
+
+static peri_result peri__check_pattern(const peri_matrix *a, peri_error *err) {
+    int i, k;
+    if (a->n < 0) return peri__fail(err, PERI_ERROR_INDEX, "matrix: n is %d; it must not be negative", a->n);
+    if (a->n == 0) return PERI_OK;
+    if (!a->row) return peri__fail(err, PERI_ERROR_ARGUMENT, "matrix: row is NULL; it must hold n + 1 numbers");
+    if (a->row[0] != 0) return peri__fail(err, PERI_ERROR_INDEX, "matrix: row[0] is %d; it must be 0", a->row[0]);
+    for (i = 0; i < a->n; i++)
+        if (a->row[i + 1] < a->row[i])
+            return peri__fail(err, PERI_ERROR_INDEX, "matrix: row %d ends at %d, before it begins at %d", i,
+                              a->row[i + 1], a->row[i]);
+    if (!a->col && a->row[a->n] > 0)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "matrix: col is NULL; it must hold row[n] numbers");
+    for (i = 0; i < a->n; i++)
+        for (k = a->row[i]; k < a->row[i + 1]; k++) {
+            int j = a->col[k];
+            if (j < 0 || j >= a->n)
+                return peri__fail(err, PERI_ERROR_INDEX, "matrix: row %d stores column %d, outside [0, %d)", i, j,
+                                  a->n);
+            if (j == i)
+                return peri__fail(err, PERI_ERROR_INDEX,
+                                  "matrix: row %d stores its diagonal, column %d; that belongs into diagonal", i, j);
+            if (k > a->row[i] && j <= a->col[k - 1])
+                return peri__fail(err, PERI_ERROR_INDEX,
+                                  "matrix: row %d stores column %d after column %d; columns must ascend", i, j,
+                                  a->col[k - 1]);
+        }
+    for (i = 0; i < a->n; i++)
+        for (k = a->row[i]; k < a->row[i + 1]; k++)
+            if (!peri__stores(a, a->col[k], i))
+                return peri__fail(err, PERI_ERROR_INDEX,
+                                  "matrix: row %d stores column %d, but row %d does not store column %d", i, a->col[k],
+                                  a->col[k], i);
+    return PERI_OK;
+}
+
+/* -- ordering: nested dissection by position (George 1973; Heath & Raghavan 1995) -- */
+
+typedef struct peri__dissection {
+    const peri_matrix *a;
+    const peri_real *xyz;
+    int *order, *spare, *part; /* part[v] is one stamp for side A of the last cut of v, the next stamp for side B */
+    int stamp;
+} peri__dissection;
+
+static double peri__coordinate(const peri__dissection *d, int k, int axis) {
+    return (double)d->xyz[3 * (ptrdiff_t)d->order[k] + axis];
+}
+
+/* Cuts order[begin, end) across its longest axis at the border of a histogram that comes nearest to the median, so
+   that the planes of a lattice stay whole; where all stand on one spot, in the order they have. */
+static void peri__cut(peri__dissection *d, int begin, int end) {
+    int bin[PERI__BINS], k, axis, longest = 0, border = 0, count = 0, best = 0, n = end - begin;
+    double low = 0, extent = -1;
+    for (axis = 0; axis < 3; axis++) {
+        double lo = peri__coordinate(d, begin, axis), hi = lo;
+        for (k = begin + 1; k < end; k++) {
+            double x = peri__coordinate(d, k, axis);
+            if (x < lo) lo = x;
+            if (x > hi) hi = x;
+        }
+        if (hi - lo > extent) {
+            extent = hi - lo;
+            low = lo;
+            longest = axis;
+        }
+    }
+    memset(bin, 0, sizeof bin);
+    for (k = begin; k < end; k++) {
+        double x = extent > 0 ? (peri__coordinate(d, k, longest) - low) / extent * PERI__BINS : 0;
+        d->part[d->order[k]] = x < PERI__BINS - 1 ? (int)x : PERI__BINS - 1;
+        bin[d->part[d->order[k]]]++;
+    }
+    for (k = 0; k < PERI__BINS; k++) {
+        count += bin[k];
+        if (abs(2 * count - n) < abs(2 * best - n)) {
+            best = count;
+            border = k + 1;
+        }
+    }
+    for (k = begin; k < end; k++) {
+        int v = d->order[k];
+        int side = best < n / 4 || n - best < n / 4 ? k - begin >= n / 2 : d->part[v] >= border;
+        d->part[v] = d->stamp + side;
+    }
+}
+
+/* The separator is whichever side's vertices along the cut are fewer; they come last. Returns the sizes of the rest. */
+static void peri__separate(peri__dissection *d, int begin, int end, int size[2]) {
+    int k, e, edge[2] = {0, 0}, thin, at[3];
+    size[0] = size[1] = 0;
+    for (k = begin; k < end; k++) {
+        int v = d->order[k], side = d->part[v] - d->stamp;
+        size[side]++;
+        for (e = d->a->row[v]; e < d->a->row[v + 1]; e++)
+            if (d->part[d->a->col[e]] == d->stamp + 1 - side) break;
+        if (e < d->a->row[v + 1]) {
+            edge[side]++;
+            d->order[k] = ~v; /* along the cut */
+        }
+    }
+    thin = edge[1] < edge[0];
+    size[thin] -= edge[thin];
+    at[0] = begin;
+    at[1] = begin + size[0];
+    at[2] = at[1] + size[1];
+    for (k = begin; k < end; k++) {
+        int v = d->order[k] < 0 ? ~d->order[k] : d->order[k], side = d->part[v] - d->stamp;
+        if (d->order[k] < 0 && side == thin) side = 2;
+        d->spare[at[side]++] = v;
+    }
+    memcpy(d->order + begin, d->spare + begin, (size_t)(end - begin) * sizeof *d->order);
+}
+
+/* A side has at most 3/4 of the vertices: the recursion is shallow. */
+static void peri__dissect(peri__dissection *d, int begin, int end) {
+    while (end - begin > PERI__LEAF) {
+        int size[2];
+        d->stamp += 2;
+        peri__cut(d, begin, end);
+        peri__separate(d, begin, end, size);
+        peri__dissect(d, begin, begin + size[0]);
+        begin += size[0];
+        end = begin + size[1];
+    }
+}
+
+/* -- ordering: approximate minimum degree on the quotient graph (Amestoy, Davis & Duff 1996), without their
+   supervariables -- */
+
+enum { PERI__VARIABLE, PERI__ELEMENT, PERI__ABSORBED };
+
+/* The pool holds, for a variable, its neighbours and then its elements; for an element, its variables. */
+typedef struct peri__degrees {
+    int n, done, lowest, stamp;
+    int *head, *next, *prev, *degree; /* variables by degree: doubly linked */
+    int *kind, *size, *elements;      /* size: all entries in the pool; elements: how many of them are elements */
+    int *seen, *outside;              /* outside: variables of an element that the new element does not have */
+    int *order, *pool;
+    size_t *begin, used, room;
+} peri__degrees;
+
+static void peri__degree_insert(peri__degrees *d, int v, int degree) {
+    d->degree[v] = degree;
+    d->prev[v] = -1;
+    d->next[v] = d->head[degree];
+    if (d->head[degree] >= 0) d->prev[d->head[degree]] = v;
+    d->head[degree] = v;
+    if (degree < d->lowest) d->lowest = degree;
+}
+
+static void peri__degree_remove(peri__degrees *d, int v) {
+    if (d->prev[v] >= 0) d->next[d->prev[v]] = d->next[v]; else d->head[d->degree[v]] = d->next[v];
+    if (d->next[v] >= 0) d->prev[d->next[v]] = d->prev[v];
+}
+
+/* Moves what is alive to the front of the pool: variables keep the order of their numbers, elements follow by age. */
+static void peri__degree_compact(peri__degrees *d) {
+    int v, k;
+    d->used = 0;
+    for (k = 0; k < d->n + d->done; k++) {
+        v = k < d->n ? k : d->order[k - d->n];
+        if (d->kind[v] != (k < d->n ? PERI__VARIABLE : PERI__ELEMENT)) continue;
+        memmove(d->pool + d->used, d->pool + d->begin[v], (size_t)d->size[v] * sizeof *d->pool);
+        d->begin[v] = d->used;
+        d->used += (size_t)d->size[v];
+    }
+}
+
+/* Turns variable p into an element: the union of its neighbours and of its elements, which it absorbs. */
+static void peri__degree_element(peri__degrees *d, int p) {
+    const int *list = d->pool + d->begin[p];
+    int *out = d->pool + d->used;
+    int k, m, size = 0, plain = d->size[p] - d->elements[p];
+    d->seen[p] = ++d->stamp;
+    for (k = 0; k < d->size[p]; k++) {
+        const int *from = k < plain ? list + k : d->pool + d->begin[list[k]];
+        int count = k < plain ? 1 : d->size[list[k]];
+        for (m = 0; m < count; m++)
+            if (d->seen[from[m]] != d->stamp) {
+                d->seen[from[m]] = d->stamp;
+                out[size++] = from[m];
+            }
+        if (k >= plain) d->kind[list[k]] = PERI__ABSORBED;
+    }
+    d->kind[p] = PERI__ELEMENT;
+    d->begin[p] = d->used;
+    d->size[p] = size;
+    d->used += (size_t)size;
+}
+
+/* Rewrites the lists of variable v of the new element p, and bounds its degree from above. An element that lies
+   inside p goes. The list never grows: p takes the place of what led to v. */
+static void peri__degree_update(peri__degrees *d, int v, int p) {
+    int *list = d->pool + d->begin[v];
+    int k, kept = 0, plain = d->size[v] - d->elements[v], rest = d->size[p] - 1;
+    int most = d->n - d->done - 2, grown = d->degree[v] + rest, degree = rest;
+    for (k = 0; k < plain; k++)
+        if (d->seen[list[k]] != d->stamp) list[kept++] = list[k];
+    degree += kept;
+    plain = kept;
+    for (; k < d->size[v]; k++) {
+        int e = list[k];
+        if (d->kind[e] != PERI__ELEMENT) continue;
+        if (d->outside[e] == 0) {
+            d->kind[e] = PERI__ABSORBED;
+            continue;
+        }
+        degree = d->outside[e] < most - degree ? degree + d->outside[e] : most;
+        list[kept++] = e;
+    }
+    list[kept++] = p;
+    d->size[v] = kept;
+    d->elements[v] = kept - plain;
+    peri__degree_insert(d, v, degree < grown ? degree : grown);
+}
+
+static void peri__degree_eliminate(peri__degrees *d, int p) {
+    const int *list;
+    int k, m, size;
+    peri__degree_remove(d, p);
+    if (d->used + (size_t)(d->n - d->done) > d->room) peri__degree_compact(d);
+    peri__degree_element(d, p);
+    list = d->pool + d->begin[p];
+    size = d->size[p];
+    for (k = 0; k < size; k++) {
+        const int *from = d->pool + d->begin[list[k]];
+        for (m = d->size[list[k]] - d->elements[list[k]]; m < d->size[list[k]]; m++) {
+            int e = from[m];
+            if (d->kind[e] != PERI__ELEMENT) continue;
+            if (d->seen[e] != d->stamp) {
+                d->seen[e] = d->stamp;
+                d->outside[e] = d->size[e];
+            }
+            d->outside[e]--;
+        }
+    }
+    for (k = 0; k < size; k++) peri__degree_remove(d, list[k]);
+    for (k = 0; k < size; k++) peri__degree_update(d, list[k], p);
+    d->order[d->done++] = p;
+}
+
+/* Orders by minimum degree; 0 when memory runs out. */
+static int peri__minimum_degree(const peri_matrix *a, const peri_allocator *memory, int *order) {
+    peri__degrees d;
+    size_t bytes, n = (size_t)a->n, pool = (size_t)a->row[a->n];
+    void *block;
+    int v, k;
+    d.room = pool + pool / 4 + n;
+    bytes = n * sizeof(size_t) + (9 * n + d.room) * sizeof(int);
+    if ((double)bytes < (double)n * 40 + (double)pool * 5) return 0; /* 32 bits */
+    block = peri__resize(memory, NULL, 0, bytes);
+    if (!block) return 0;
+    d.begin = (size_t *)block;
+    d.head = (int *)(d.begin + n);
+    d.next = d.head + n;
+    d.prev = d.next + n;
+    d.degree = d.prev + n;
+    d.kind = d.degree + n;
+    d.size = d.kind + n;
+    d.elements = d.size + n;
+    d.seen = d.elements + n;
+    d.outside = d.seen + n;
+    d.pool = d.outside + n;
+    d.n = a->n;
+    d.done = d.lowest = d.stamp = 0;
+    d.order = order;
+    d.used = pool;
+    if (pool) memcpy(d.pool, a->col, pool * sizeof *d.pool);
+    for (v = 0; v < d.n; v++) {
+        d.head[v] = -1;
+        d.kind[v] = PERI__VARIABLE;
+        d.elements[v] = d.seen[v] = 0;
+        d.begin[v] = (size_t)a->row[v];
+        d.size[v] = a->row[v + 1] - a->row[v];
+    }
+    for (v = d.n - 1; v >= 0; v--) peri__degree_insert(&d, v, d.size[v]);
+    d.lowest = 0;
+    for (k = 0; k < d.n; k++) {
+        while (d.head[d.lowest] < 0) d.lowest++;
+        peri__degree_eliminate(&d, d.head[d.lowest]);
+    }
+    peri__resize(memory, block, bytes, 0);
+    return 1;
+}
+
+/* -- analysis: elimination tree, column counts, supernodes -- */
+
+/* Liu 1990; Davis, "Direct Methods for Sparse Linear Systems", section 4.1. ancestor: path compression. */
+static void peri__tree(peri_cholesky *f, const peri_matrix *a, int *ancestor) {
+    int i, e;
+    for (i = 0; i < f->n; i++) f->place[f->order[i]] = i;
+    for (i = 0; i < f->n; i++) {
+        int row = f->order[i];
+        f->parent[i] = ancestor[i] = -1;
+        for (e = a->row[row]; e < a->row[row + 1]; e++) {
+            int k = f->place[a->col[e]];
+            while (k >= 0 && k < i) {
+                int up = ancestor[k];
+                ancestor[k] = i;
+                if (up < 0) f->parent[k] = i;
+                k = up;
+            }
+        }
+    }
+}
+
+/* Renumbers the tree depth first, so that the columns of a supernode become neighbours. child, sibling, spare: n. */
+static void peri__postorder(peri_cholesky *f, int *child, int *sibling, int *spare) {
+    int i, done = 0;
+    for (i = 0; i < f->n; i++) child[i] = -1;
+    for (i = f->n - 1; i >= 0; i--) {
+        int up = f->parent[i];
+        if (up < 0) continue;
+        sibling[i] = child[up];
+        child[up] = i;
+    }
+    for (i = 0; i < f->n; i++) {
+        int k = i;
+        if (f->parent[i] >= 0) continue;
+        while (k >= 0) { /* down to a leaf, or take k and go back up */
+            int down = child[k];
+            if (down >= 0) {
+                child[k] = sibling[down];
+                k = down;
+            } else {
+                spare[done++] = f->order[k];
+                k = f->parent[k];
+            }
+        }
+    }
+    memcpy(f->order, spare, (size_t)f->n * sizeof *spare);
+}
+
+/* Entries of each column: row i of L is the part of the tree between the entries of row i of A and i (Davis, section
+   4.2). A walk takes time in proportion to the entries of L, which the factorisation dwarfs. */
+static void peri__count(const peri_cholesky *f, const peri_matrix *a, int *count, int *seen) {
+    int i, e;
+    for (i = 0; i < f->n; i++) {
+        int row = f->order[i];
+        seen[i] = i;
+        count[i] = 1;
+        for (e = a->row[row]; e < a->row[row + 1]; e++) {
+            int k = f->place[a->col[e]];
+            if (k > i) continue;
+            for (; seen[k] != i; k = f->parent[k]) {
+                seen[k] = i;
+                count[k]++;
+            }
+        }
+    }
+}
+
+/* A column joins the one before when that is its child with just one row more: then it has the same rows below. */
+static void peri__supernodes(peri_cholesky *f, const int *count) {
+    int j;
+    size_t entries = 0, rows = 0;
+    f->supers = 0;
+    for (j = 0; j < f->n; j++) {
+        if (j == 0 || f->parent[j - 1] != j || count[j - 1] != count[j] + 1) {
+            f->first[f->supers] = j;
+            f->list[f->supers++] = rows;
+            rows += (size_t)count[j];
+        }
+        f->super[j] = f->supers - 1;
+        f->start[j] = entries;
+        entries += (size_t)count[j];
+    }
+    f->first[f->supers] = f->n;
+    f->list[f->supers] = rows;
+    f->start[f->n] = f->entries = entries;
+}
+
+/* Rows of each supernode. Taking the rows of A in order keeps every list sorted. size, seen: one per supernode. */
+static void peri__rows(peri_cholesky *f, const peri_matrix *a, int *size, int *seen) {
+    int i, s, e;
+    for (s = 0; s < f->supers; s++) {
+        int *rows = f->rows + f->list[s];
+        size[s] = f->first[s + 1] - f->first[s];
+        seen[s] = -1;
+        for (i = 0; i < size[s]; i++) rows[i] = f->first[s] + i;
+    }
+    for (i = 0; i < f->n; i++) {
+        int row = f->order[i], self = f->super[i];
+        for (e = a->row[row]; e < a->row[row + 1]; e++) {
+            int k = f->place[a->col[e]];
+            if (k > i) continue;
+            for (s = f->super[k]; s != self && seen[s] != i; s = f->super[f->parent[f->first[s + 1] - 1]]) {
+                seen[s] = i;
+                f->rows[f->list[s] + (size_t)size[s]++] = i;
+            }
+        }
+    }
+}
+
+/* The arrays that have n + 1 entries, in one block: widest first, so that all are aligned. */
+static int peri__columns(peri_cholesky *f) {
+    size_t n = (size_t)f->n + 1;
+    char *block;
+    if (!peri__mul_size(n, 2 * sizeof(double) + 2 * sizeof(size_t) + 8 * sizeof(int), &f->bytes_column)) return 0;
+    block = (char *)peri__resize(&f->memory, NULL, 0, f->bytes_column);
+    if (!block) return 0;
+    f->work = (double *)(void *)block;
+    f->sum = f->work + n;
+    f->list = (size_t *)(void *)(f->sum + n);
+    f->start = f->list + n;
+    f->order = (int *)(void *)(f->start + n);
+    f->place = f->order + n;
+    f->parent = f->place + n;
+    f->super = f->parent + n;
+    f->first = f->super + n;
+    f->head = f->first + n;
+    f->next = f->head + n;
+    f->seen = f->next + n;
+    return 1;
+}
+
+static peri_result peri__analyse(peri_cholesky *f, const peri_matrix *a, const peri_real *xyz, peri_error *err) {
+    int i;
+    for (i = 0; i < f->n; i++) f->order[i] = i;
+    if (xyz) {
+        peri__dissection d;
+        d.a = a;
+        d.xyz = xyz;
+        d.order = f->order;
+        d.spare = f->next;
+        d.part = f->seen;
+        d.stamp = 0;
+        for (i = 0; i < f->n; i++) d.part[i] = 0;
+        peri__dissect(&d, 0, f->n);
+    } else if (f->n > 0 && !peri__minimum_degree(a, &f->memory, f->order)) {
+        return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory to order %d rows", f->n);
+    }
+    peri__tree(f, a, f->head);
+    peri__postorder(f, f->head, f->next, f->seen);
+    peri__tree(f, a, f->head);
+    peri__count(f, a, f->next, f->seen);
+    peri__supernodes(f, f->next);
+    if (f->entries > 0x7fffffff)
+        return peri__fail(err, PERI_ERROR_LIMIT, "cholesky: the factor of %d rows would have %.0f entries, above 2^31",
+                          f->n, (double)f->entries);
+    if (!peri__mul_size(f->list[f->supers] + 1, sizeof *f->rows, &f->bytes_rows) ||
+        (f->rows = (int *)peri__resize(&f->memory, NULL, 0, f->bytes_rows)) == NULL ||
+        !peri__mul_size(f->entries + 1, sizeof *f->value, &f->bytes_value) ||
+        (f->value = (peri_real *)peri__resize(&f->memory, NULL, 0, f->bytes_value)) == NULL)
+        return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for a factor of %.0f entries",
+                          (double)f->entries);
+    peri__rows(f, a, f->head, f->seen);
+    return PERI_OK;
+}
+
+peri_result peri_cholesky_create(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
+                                 peri_cholesky **out, peri_error *err) {
+    peri_allocator standard;
+    peri_cholesky *f;
+    peri_result result;
+    ptrdiff_t i;
+    if (out) *out = NULL;
+    if (!a || !out) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", a ? "out" : "the matrix");
+    result = peri__check_pattern(a, err);
+    if (result != PERI_OK) return result;
+    for (i = 0; xyz && i < 3 * (ptrdiff_t)a->n; i++)
+        if (!peri__finite((double)xyz[i]))
+            return peri__fail(err, PERI_ERROR_VALUE, "cholesky: coordinate %c of row %d is not finite",
+                              "xyz"[i % 3], (int)(i / 3));
+    standard.resize = NULL;
+    standard.user = NULL;
+    if (!memory) memory = &standard;
+    f = (peri_cholesky *)peri__resize(memory, NULL, 0, sizeof *f);
+    if (!f) return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for the factor of %d rows", a->n);
+    memset(f, 0, sizeof *f);
+    f->memory = *memory;
+    f->n = a->n;
+    f->pattern = peri__pattern(a);
+    if (peri__columns(f))
+        result = peri__analyse(f, a, xyz, err);
+    else
+        result = peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for the factor of %d rows", a->n);
+    if (result != PERI_OK) {
+        peri_cholesky_destroy(f);
+        return result;
+    }
+    *out = f;
+    return peri__succeed(err);
+}
+
+void peri_cholesky_destroy(peri_cholesky *f) {
+    peri_allocator memory;
+    if (!f) return;
+    memory = f->memory;
+    if (f->value) peri__resize(&memory, f->value, f->bytes_value, 0);
+    if (f->rows) peri__resize(&memory, f->rows, f->bytes_rows, 0);
+    if (f->work) peri__resize(&memory, f->work, f->bytes_column, 0);
+    peri__resize(&memory, f, sizeof *f, 0);
+}
+
+size_t peri_cholesky_entries(const peri_cholesky *f) { return f ? f->entries : 0; }
+
+size_t peri_cholesky_bytes(const peri_cholesky *f) {
+    return f ? sizeof *f + f->bytes_column + f->bytes_rows + f->bytes_value : 0;
+}
+
+/* -- numbers: left-looking, a column at a time, from whole supernodes (Ng & Peyton 1993) -- */
+
+/* Up to PERI__WIDE columns of one supernode, each from the same row on. Missing ones repeat the first, so that the
+   loops need no cases: whoever reads them multiplies by 0 or drops the result. */
+typedef struct peri__panel {
+    const peri_real *v[PERI__WIDE];
+    int columns;
+} peri__panel;
+
+/* Columns c.. (below `end`) of supernode s, from the r-th of its rows on. */
+static peri__panel peri__columns_of(const peri_cholesky *f, int s, int c, int end, int r) {
+    peri__panel p;
+    int k, j = f->first[s] + c;
+    p.columns = end - c < PERI__WIDE ? end - c : PERI__WIDE;
+    for (k = 0; k < PERI__WIDE; k++) {
+        int use = k < p.columns ? k : 0;
+        p.v[k] = f->value + f->start[j + use] + (r - c - use);
+    }
+    return p;
+}
+
+/* sum += V m, in double: products of floats are exact there, so the factor is as good as its storage. */
+static void peri__combine(int n, const peri__panel *p, const double m[PERI__WIDE], double *PERI__RESTRICT sum) {
+    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
+    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
+    double m0 = m[0], m1 = m[1], m2 = m[2], m3 = m[3];
+    int i;
+    for (i = 0; i < n; i++)
+        sum[i] += ((double)v0[i] * m0 + (double)v1[i] * m1) + ((double)v2[i] * m2 + (double)v3[i] * m3);
+}
+
+static void peri__scatter_subtract(int n, const int *PERI__RESTRICT rows, const double *PERI__RESTRICT sum,
+                                   double *PERI__RESTRICT work) {
+    int i;
+    for (i = 0; i < n; i++) work[rows[i]] -= sum[i];
+}
+
+/* Takes from the column in the making what the first `columns` columns of supernode s give it, whose r-th row it is. */
+static void peri__update(peri_cholesky *f, int s, int columns, int r) {
+    int n = (int)(f->list[s + 1] - f->list[s]) - r, c, k;
+    if (columns == 0) return;
+    memset(f->sum, 0, (size_t)n * sizeof *f->sum);
+    for (c = 0; c < columns; c += PERI__WIDE) {
+        peri__panel p = peri__columns_of(f, s, c, columns, r);
+        double m[PERI__WIDE];
+        for (k = 0; k < PERI__WIDE; k++) m[k] = k < p.columns ? (double)p.v[k][0] : 0;
+        peri__combine(n, &p, m, f->sum);
+    }
+    peri__scatter_subtract(n, f->rows + f->list[s] + r, f->sum, f->work);
+}
+
+/* Puts supernode s on the list of its r-th row's column, when there is such a row. */
+static void peri__await(peri_cholesky *f, int s, int r) {
+    f->seen[s] = r;
+    if ((size_t)r < f->list[s + 1] - f->list[s]) {
+        int row = f->rows[f->list[s] + (size_t)r];
+        f->next[s] = f->head[row];
+        f->head[row] = s;
+    }
+}
+
+/* Scales the finished column j, the r-th of supernode s, into L and clears it. 0 when the pivot is not positive. */
+static int peri__finish(peri_cholesky *f, int j, int s, int r) {
+    const int *rows = f->rows + f->list[s] + r;
+    int i, n = (int)(f->list[s + 1] - f->list[s]) - r;
+    peri_real *value = f->value + f->start[j];
+    double *work = f->work, pivot = work[j], inverse;
+    if (!(pivot > 0) || !peri__finite(pivot)) return 0;
+    inverse = 1 / sqrt(pivot);
+    value[0] = (peri_real)inverse;
+    if (!peri__finite((double)value[0])) return 0;
+    for (i = 1; i < n; i++) value[i] = (peri_real)(work[rows[i]] * inverse);
+    for (i = 0; i < n; i++) work[rows[i]] = 0;
+    return 1;
+}
+
+static int peri__factor_column(peri_cholesky *f, const peri_matrix *a, int j, int s) {
+    int row = f->order[j], e, k, next;
+    for (e = a->row[row]; e < a->row[row + 1]; e++) {
+        int i = f->place[a->col[e]];
+        if (i > j) f->work[i] = (double)a->value[e];
+    }
+    f->work[j] = (double)a->diagonal[row];
+    for (k = f->head[j]; k >= 0; k = next) {
+        next = f->next[k];
+        peri__update(f, k, f->first[k + 1] - f->first[k], f->seen[k]);
+        peri__await(f, k, f->seen[k] + 1);
+    }
+    peri__update(f, s, j - f->first[s], j - f->first[s]);
+    return peri__finish(f, j, s, j - f->first[s]);
+}
+
+peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
+    int j, s;
+    if (!f || !a) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", f ? "the matrix" : "the factor");
+    f->ready = 0;
+    if (a->n != f->n || peri__pattern(a) != f->pattern)
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "cholesky: the matrix (n is %d) has another pattern than the one analysed (n is %d)", a->n,
+                          f->n);
+    if (f->n > 0 && (!a->diagonal || (!a->value && a->row[a->n] > 0)))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: the matrix has no %s",
+                          a->diagonal ? "value" : "diagonal");
+    for (j = 0; j < f->n; j++) f->work[j] = 0;
+    for (j = 0; j < f->n; j++) f->head[j] = -1;
+    for (s = 0; s < f->supers; s++) {
+        for (j = f->first[s]; j < f->first[s + 1]; j++)
+            if (!peri__factor_column(f, a, j, s))
+                return peri__fail(err, PERI_ERROR_PIVOT,
+                                  "cholesky: the pivot of row %d is %g (its diagonal entry %g); the matrix is not "
+                                  "positive definite", f->order[j], f->work[j], (double)a->diagonal[f->order[j]]);
+        peri__await(f, s, f->first[s + 1] - f->first[s]);
+    }
+    f->ready = 1;
+    return peri__succeed(err);
+}
+
+/* -- solves, 4 columns of L at a time; one loop for 3 right-hand sides, one for each of fewer -- */
+
+/* x[rows] -= V y for 3 right-hand sides: y holds 3 numbers for each column. */
+static void peri__forward3(int n, const int *PERI__RESTRICT rows, const peri__panel *p, const peri_real *y,
+                           peri_real *PERI__RESTRICT x) {
+    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
+    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
+    peri_real a0 = y[0], a1 = y[1], a2 = y[2], b0 = y[3], b1 = y[4], b2 = y[5];
+    peri_real c0 = y[6], c1 = y[7], c2 = y[8], d0 = y[9], d1 = y[10], d2 = y[11];
+    int i;
+    for (i = 0; i < n; i++) {
+        peri_real *z = x + 3 * (ptrdiff_t)rows[i], a = v0[i], b = v1[i], c = v2[i], d = v3[i];
+        z[0] -= (a * a0 + b * b0) + (c * c0 + d * d0);
+        z[1] -= (a * a1 + b * b1) + (c * c1 + d * d1);
+        z[2] -= (a * a2 + b * b2) + (c * c2 + d * d2);
+    }
+}
+
+static void peri__forward1(int n, const int *PERI__RESTRICT rows, const peri__panel *p, const peri_real *y, int rhs,
+                           peri_real *PERI__RESTRICT x) {
+    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
+    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
+    peri_real a = y[0], b = y[rhs], c = y[2 * rhs], d = y[3 * rhs];
+    int i;
+    for (i = 0; i < n; i++) x[rhs * (ptrdiff_t)rows[i]] -= (v0[i] * a + v1[i] * b) + (v2[i] * c + v3[i] * d);
+}
+
+/* sum = V^T x[rows] for 3 right-hand sides, in double. */
+static void peri__backward3(int n, const int *PERI__RESTRICT rows, const peri__panel *p,
+                            const peri_real *PERI__RESTRICT x, double sum[12]) {
+    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
+    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
+    double a0 = 0, a1 = 0, a2 = 0, b0 = 0, b1 = 0, b2 = 0, c0 = 0, c1 = 0, c2 = 0, d0 = 0, d1 = 0, d2 = 0;
+    int i;
+    for (i = 0; i < n; i++) {
+        const peri_real *z = x + 3 * (ptrdiff_t)rows[i];
+        double a = (double)v0[i], b = (double)v1[i], c = (double)v2[i], d = (double)v3[i];
+        double z0 = (double)z[0], z1 = (double)z[1], z2 = (double)z[2];
+        a0 += a * z0;
+        a1 += a * z1;
+        a2 += a * z2;
+        b0 += b * z0;
+        b1 += b * z1;
+        b2 += b * z2;
+        c0 += c * z0;
+        c1 += c * z1;
+        c2 += c * z2;
+        d0 += d * z0;
+        d1 += d * z1;
+        d2 += d * z2;
+    }
+    sum[0] = a0;
+    sum[1] = a1;
+    sum[2] = a2;
+    sum[3] = b0;
+    sum[4] = b1;
+    sum[5] = b2;
+    sum[6] = c0;
+    sum[7] = c1;
+    sum[8] = c2;
+    sum[9] = d0;
+    sum[10] = d1;
+    sum[11] = d2;
+}
+
+static void peri__backward1(int n, const int *PERI__RESTRICT rows, const peri__panel *p,
+                            const peri_real *PERI__RESTRICT x, int rhs, double *sum) {
+    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
+    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
+    double a = 0, b = 0, c = 0, d = 0;
+    int i;
+    for (i = 0; i < n; i++) {
+        double z = (double)x[rhs * (ptrdiff_t)rows[i]];
+        a += (double)v0[i] * z;
+        b += (double)v1[i] * z;
+        c += (double)v2[i] * z;
+        d += (double)v3[i] * z;
+    }
+    sum[0] = a;
+    sum[rhs] = b;
+    sum[2 * rhs] = c;
+    sum[3 * rhs] = d;
+}
+
+/* x = L^-1 x: for each panel its triangle, then the rows below. z: where the panel's columns stand in x. */
+static void peri__forward(const peri_cholesky *f, int s, int rhs, peri_real *x) {
+    int width = f->first[s + 1] - f->first[s], size = (int)(f->list[s + 1] - f->list[s]), c, k, m, q;
+    for (c = 0; c < width; c += PERI__WIDE) {
+        int below = c + PERI__WIDE < width ? c + PERI__WIDE : width;
+        peri__panel p = peri__columns_of(f, s, c, width, below);
+        const int *rows = f->rows + f->list[s] + below;
+        peri_real *z = x + rhs * (ptrdiff_t)(f->first[s] + c), y[3 * PERI__WIDE];
+        for (k = 0; k < p.columns; k++) {
+            const peri_real *v = p.v[k] - (p.columns - k); /* the column from its diagonal on */
+            for (q = 0; q < rhs; q++) z[rhs * k + q] *= v[0];
+            for (m = k + 1; m < p.columns; m++)
+                for (q = 0; q < rhs; q++) z[rhs * m + q] -= v[m - k] * z[rhs * k + q];
+        }
+        for (k = 0; k < rhs * PERI__WIDE; k++) y[k] = k < rhs * p.columns ? z[k] : 0;
+        if (rhs == 3) peri__forward3(size - below, rows, &p, y, x);
+        for (q = 0; q < rhs && rhs < 3; q++) peri__forward1(size - below, rows, &p, y + q, rhs, x + q);
+    }
+}
+
+/* x = L^-T x: the same panels backwards. */
+static void peri__backward(const peri_cholesky *f, int s, int rhs, peri_real *x) {
+    int width = f->first[s + 1] - f->first[s], size = (int)(f->list[s + 1] - f->list[s]), c, k, m, q;
+    for (c = (width - 1) / PERI__WIDE * PERI__WIDE; c >= 0; c -= PERI__WIDE) {
+        int below = c + PERI__WIDE < width ? c + PERI__WIDE : width;
+        peri__panel p = peri__columns_of(f, s, c, width, below);
+        const int *rows = f->rows + f->list[s] + below;
+        peri_real *z = x + rhs * (ptrdiff_t)(f->first[s] + c);
+        double sum[3 * PERI__WIDE];
+        if (rhs == 3) peri__backward3(size - below, rows, &p, x, sum);
+        for (q = 0; q < rhs && rhs < 3; q++) peri__backward1(size - below, rows, &p, x + q, rhs, sum + q);
+        for (k = p.columns - 1; k >= 0; k--) {
+            const peri_real *v = p.v[k] - (p.columns - k);
+            for (q = 0; q < rhs; q++) {
+                double t = (double)z[rhs * k + q] - sum[rhs * k + q];
+                for (m = k + 1; m < p.columns; m++) t -= (double)v[m - k] * (double)z[rhs * m + q];
+                z[rhs * k + q] = (peri_real)(t * (double)v[0]);
+            }
+        }
+    }
+}
+
+void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work) {
+    int i, s, q;
+    PERI_ASSERT(f && f->ready && rhs >= 1 && rhs <= 3);
+    if (!f || !f->ready || rhs < 1 || rhs > 3) return;
+    for (i = 0; i < f->n; i++) {
+        const peri_real *from = x + rhs * (ptrdiff_t)f->order[i];
+        for (q = 0; q < rhs; q++) work[rhs * (ptrdiff_t)i + q] = from[q];
+    }
+    for (s = 0; s < f->supers; s++) peri__forward(f, s, rhs, work);
+    for (s = f->supers - 1; s >= 0; s--) peri__backward(f, s, rhs, work);
+    for (i = 0; i < f->n; i++) {
+        peri_real *to = x + rhs * (ptrdiff_t)f->order[i];
+        for (q = 0; q < rhs; q++) to[q] = work[rhs * (ptrdiff_t)i + q];
+    }
+}
+
+#endif /* PERI_NO_CHOLESKY */
+
+/* ---- 6  L-BFGS --------------------------------------------------------------------------------------------------- */
+
+void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors) {
+    PERI_ASSERT(l && n >= 0 && m >= 0 && m <= PERI_LBFGS_MAX);
+    memset(l, 0, sizeof *l);
+    l->n = n;
+    l->m = m < 0 ? 0 : m > PERI_LBFGS_MAX ? PERI_LBFGS_MAX : m;
+    l->s = vectors;
+    l->y = vectors ? vectors + (ptrdiff_t)l->m * n : NULL;
+}
+
+/* The cosine of s and y is at least 2 sqrt(k) / (1 + k) for a quadratic of condition k (Kantorovich): below 1e-8 it is
+   rounding, or the energy is not convex there. */
+void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y) {
+    double sy = peri_dot(par, l->n, s, y), ss = peri_dot(par, l->n, s, s), yy = peri_dot(par, l->n, y, y);
+    ptrdiff_t at = (ptrdiff_t)l->head * l->n;
+    if (l->m == 0 || !(sy > 1e-8 * sqrt(ss) * sqrt(yy)) || !peri__finite(yy) || !peri__finite(1 / sy)) return;
+    memcpy(l->s + at, s, (size_t)l->n * sizeof *s);
+    memcpy(l->y + at, y, (size_t)l->n * sizeof *y);
+    l->rho[l->head] = 1 / sy;
+    l->head = (l->head + 1) % l->m;
+    if (l->used < l->m) l->used++;
+}
+
+typedef struct peri__axpy_task {
+    double factor, keep;
+    const peri_real *x;
+    peri_real *y;
+} peri__axpy_task;
+
+static void peri__axpy_run(int begin, int end, void *context) {
+    peri__axpy_task *t = (peri__axpy_task *)context;
+    int i;
+    for (i = begin; i < end; i++) t->y[i] = (peri_real)(t->keep * (double)t->y[i] + t->factor * (double)t->x[i]);
+}
+
+/* y = keep y + factor x */
+static void peri__axpy(const peri_parallel *par, int n, double keep, peri_real *y, double factor, const peri_real *x) {
+    peri__axpy_task t;
+    t.keep = keep;
+    t.factor = factor;
+    t.x = x;
+    t.y = y;
+    peri_parallel_for(par, n, PERI__RUN, peri__axpy_run, &t);
+}
+
+/* Newest pair first on the way in, oldest first on the way out (Nocedal 1980; Nocedal & Wright, algorithm 7.4). */
+void peri_lbfgs_apply(const peri_lbfgs *l, const peri_parallel *par, const peri_real *g, peri_real *p, peri_real *work,
+                      peri_precondition *precondition, void *context) {
+    double alpha[PERI_LBFGS_MAX];
+    int i, k, n = l->n;
+    if (n <= 0) return;
+    memcpy(work, g, (size_t)n * sizeof *g);
+    for (i = 1; i <= l->used; i++) {
+        k = (l->head - i + l->m) % l->m;
+        alpha[k] = l->rho[k] * peri_dot(par, n, l->s + (ptrdiff_t)k * n, work);
+        peri__axpy(par, n, 1, work, -alpha[k], l->y + (ptrdiff_t)k * n);
+    }
+    if (precondition)
+        precondition(work, p, context);
+    else
+        memcpy(p, work, (size_t)n * sizeof *p);
+    for (i = l->used; i >= 1; i--) {
+        double beta;
+        k = (l->head - i + l->m) % l->m;
+        beta = l->rho[k] * peri_dot(par, n, l->y + (ptrdiff_t)k * n, p);
+        peri__axpy(par, n, 1, p, alpha[k] - beta, l->s + (ptrdiff_t)k * n);
+    }
+    peri__axpy(par, n, -1, p, 0, work);
+}
+
+#endif /* PERI_SOLVER_IMPLEMENTED */
+#endif /* PERI_IMPLEMENTATION */

@@ -1,0 +1,772 @@
+/* tests/test_sampling.c - shapes: distances and gradients; lattices of points inside shapes and meshes */
+#define PERI_IMPLEMENTATION
+#include "../peri.h"
+#include "test.h"
+
+#define PI 3.14159265358979323846
+#define MOST 60000
+
+static peri_real points[3 * MOST], other[3 * MOST];
+
+static peri_vec3 vec(double x, double y, double z) {
+    peri_vec3 v;
+    v.x = (peri_real)x;
+    v.y = (peri_real)y;
+    v.z = (peri_real)z;
+    return v;
+}
+
+/* Counts, fills, and checks that both agree. */
+static int sample(const peri_shape *s, double d, peri_real *to) {
+    int counted = -1, filled = -1;
+    peri_error err;
+    peri_result r = peri_sample(s, (peri_real)d, NULL, 0, &counted, &err);
+    if (r) {
+        printf("    %s\n", err.text);
+        return -1;
+    }
+    CHECK(counted <= MOST);
+    CHECK(peri_sample(s, (peri_real)d, to, MOST, &filled, &err) == PERI_OK);
+    CHECK(counted == filled);
+    return filled;
+}
+
+/* The call is refused with this code and a text that holds `words`. */
+static void refused(const peri_shape *s, double d, peri_result code, const char *words, int line) {
+    peri_error err;
+    int count = 7;
+    err.text[0] = 0;
+    if (peri_sample(s, (peri_real)d, points, MOST, &count, &err) != code || err.code != code || count != 0 ||
+        !strstr(err.text, words)) {
+        printf("    line %d: code %d, text \"%s\"\n", line, (int)err.code, err.text);
+        CHECK(!"refused as it should be");
+    }
+}
+#define REFUSED(shape, d, code, words) refused(shape, d, code, words, __LINE__)
+
+/* ---- meshes ------------------------------------------------------------------------------------------------------ */
+
+typedef struct mesh {
+    int vertices, triangles;
+    peri_real x[3 * 20000];
+    int t[3 * 40000];
+} mesh;
+
+static mesh big;
+
+static int add_vertex(mesh *m, double x, double y, double z) {
+    m->x[3 * m->vertices] = (peri_real)x;
+    m->x[3 * m->vertices + 1] = (peri_real)y;
+    m->x[3 * m->vertices + 2] = (peri_real)z;
+    return m->vertices++;
+}
+
+static void add_triangle(mesh *m, int a, int b, int c) {
+    m->t[3 * m->triangles] = a;
+    m->t[3 * m->triangles + 1] = b;
+    m->t[3 * m->triangles + 2] = c;
+    m->triangles++;
+}
+
+static peri_shape shape_of(const mesh *m) { return peri_shape_mesh(m->x, m->vertices, m->t, m->triangles); }
+
+/* A box of half extents h about c. split: every triangle has vertices of its own. */
+static void add_box(mesh *m, const double c[3], const double h[3], int split) {
+    static const int face[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
+    int f, k, v[8];
+    for (k = 0; k < 8 && !split; k++)
+        v[k] = add_vertex(m, c[0] + (k & 1 ? h[0] : -h[0]), c[1] + (k & 2 ? h[1] : -h[1]),
+                          c[2] + (k & 4 ? h[2] : -h[2]));
+    for (f = 0; f < 6; f++) {
+        static const int corner[6] = {0, 1, 2, 0, 2, 3};
+        int id[6];
+        for (k = 0; k < 6; k++) {
+            int q = face[f][corner[k]];
+            id[k] = split ? add_vertex(m, c[0] + (q & 1 ? h[0] : -h[0]), c[1] + (q & 2 ? h[1] : -h[1]),
+                                       c[2] + (q & 4 ? h[2] : -h[2]))
+                          : v[q];
+        }
+        add_triangle(m, id[0], id[1], id[2]);
+        add_triangle(m, id[3], id[4], id[5]);
+    }
+}
+
+static void cube(mesh *m, double x, double y, double z, double half, int split) {
+    double c[3], h[3];
+    c[0] = x;
+    c[1] = y;
+    c[2] = z;
+    h[0] = h[1] = h[2] = half;
+    add_box(m, c, h, split);
+}
+
+/* A torus grid or a ball: rings of `around` vertices; the ball has poles. */
+static void ball(mesh *m, double radius, int rings, int around) {
+    int i, j, south, north, base;
+    south = add_vertex(m, 0, 0, -radius);
+    base = m->vertices;
+    for (i = 1; i < rings; i++)
+        for (j = 0; j < around; j++) {
+            double a = PI * i / rings - PI / 2, b = 2 * PI * j / around;
+            add_vertex(m, radius * cos(a) * cos(b), radius * cos(a) * sin(b), radius * sin(a));
+        }
+    north = add_vertex(m, 0, 0, radius);
+    for (j = 0; j < around; j++) {
+        int k = (j + 1) % around, top = base + (rings - 2) * around;
+        add_triangle(m, south, base + k, base + j);
+        add_triangle(m, north, top + j, top + k);
+        for (i = 0; i < rings - 2; i++) {
+            int p = base + i * around;
+            add_triangle(m, p + j, p + k, p + around + k);
+            add_triangle(m, p + j, p + around + k, p + around + j);
+        }
+    }
+}
+
+static void turn(mesh *m) {
+    int t;
+    for (t = 0; t < m->triangles; t++) {
+        int k = m->t[3 * t];
+        m->t[3 * t] = m->t[3 * t + 1];
+        m->t[3 * t + 1] = k;
+    }
+}
+
+static void clear(mesh *m) { m->vertices = m->triangles = 0; }
+
+/* ---- distances --------------------------------------------------------------------------------------------------- */
+
+static peri_real torus(peri_vec3 p, peri_vec3 *gradient, void *context) {
+    const double *r = (const double *)context;
+    double x = (double)p.x, y = (double)p.y, z = (double)p.z, ring = sqrt(x * x + y * y) - r[0];
+    double length = sqrt(ring * ring + z * z);
+    if (gradient) *gradient = vec(0, 0, 1);
+    return (peri_real)(length - r[1]);
+}
+
+static peri_real broken(peri_vec3 p, peri_vec3 *gradient, void *context) {
+    (void)gradient;
+    (void)context;
+    return p.x > 0 ? (peri_real)HUGE_VAL : (peri_real)-1;
+}
+
+static double torus_size[2] = {1, 0.4};
+
+static peri_shape torus_shape(void) {
+    return peri_shape_distance(torus, torus_size, vec(-1.4, -1.4, -0.4), vec(1.4, 1.4, 0.4));
+}
+
+static unsigned seed;
+
+static double next_random(void) {
+    seed = seed * 1664525u + 1013904223u;
+    return (double)(seed >> 8) / 16777216.0;
+}
+
+static void distances(void) {
+    peri_shape box = peri_shape_box(1, 2, 3), round = peri_shape_ball(2), tube = peri_shape_cylinder(1, 2),
+               pill = peri_shape_capsule(1, 2), plane = peri_shape_plane();
+    double tiny = sizeof(peri_real) == 4 ? 1e-6 : 1e-14;
+    NEAR(peri_shape_evaluate(&plane, vec(5, 6, -0.5), NULL), -0.5, tiny);
+    NEAR(peri_shape_evaluate(&box, vec(4, 6, 3), NULL), 5, tiny);
+    NEAR(peri_shape_evaluate(&box, vec(-4, 0, 7), NULL), 5, tiny);
+    NEAR(peri_shape_evaluate(&box, vec(0.5, -1.75, 0), NULL), -0.25, tiny);
+    NEAR(peri_shape_evaluate(&box, vec(1, 0, 0), NULL), 0, tiny);
+    NEAR(peri_shape_evaluate(&round, vec(3, 4, 0), NULL), 3, tiny);
+    NEAR(peri_shape_evaluate(&round, vec(0, 0, 0), NULL), -2, tiny);
+    NEAR(peri_shape_evaluate(&tube, vec(2.4, 3.2, 0), NULL), 3, tiny);
+    NEAR(peri_shape_evaluate(&tube, vec(0, 4, -6), NULL), 5, tiny);
+    NEAR(peri_shape_evaluate(&tube, vec(0, 0, 1.75), NULL), -0.25, tiny);
+    NEAR(peri_shape_evaluate(&pill, vec(3, 0, 6), NULL), 4, tiny);
+    NEAR(peri_shape_evaluate(&pill, vec(0, 0.25, -1), NULL), -0.75, tiny);
+    NEAR(peri_shape_evaluate(&pill, vec(0, 0, 0), NULL), -1, tiny);
+}
+
+/* Steps small enough for the second order, large enough for the reals. Points near edges of the medial axis, where the
+   gradient jumps, are left out: there the two differences disagree. */
+static void gradients(void) {
+    peri_shape s[5];
+    double h = sizeof(peri_real) == 4 ? 2e-3 : 1e-5, loose = sizeof(peri_real) == 4 ? 2e-3 : 1e-8;
+    int i, k, used = 0;
+    s[0] = peri_shape_plane();
+    s[1] = peri_shape_box(1, (peri_real)1.2, (peri_real)0.7);
+    s[2] = peri_shape_ball((peri_real)1.1);
+    s[3] = peri_shape_cylinder(1, (peri_real)0.8);
+    s[4] = peri_shape_capsule((peri_real)0.6, (peri_real)0.9);
+    seed = 1;
+    for (k = 0; k < 5; k++)
+        for (i = 0; i < 500; i++) {
+            double p[3], slope[3], kink = 0, d0, d1, d2;
+            peri_vec3 g;
+            int a;
+            for (a = 0; a < 3; a++) p[a] = 4 * next_random() - 2;
+            d0 = (double)peri_shape_evaluate(&s[k], vec(p[0], p[1], p[2]), &g);
+            for (a = 0; a < 3; a++) {
+                double q[3];
+                memcpy(q, p, sizeof q);
+                q[a] = p[a] + h;
+                d2 = (double)peri_shape_evaluate(&s[k], vec(q[0], q[1], q[2]), NULL);
+                q[a] = p[a] - h;
+                d1 = (double)peri_shape_evaluate(&s[k], vec(q[0], q[1], q[2]), NULL);
+                slope[a] = (d2 - d1) / (2 * h);
+                kink += fabs(d2 + d1 - 2 * d0) / h;
+            }
+            NEAR((double)(g.x * g.x + g.y * g.y + g.z * g.z), 1, 1e-5);
+            if (kink > 0.1) continue;
+            used++;
+            NEAR(g.x, slope[0], loose + kink * 0.02);
+            NEAR(g.y, slope[1], loose + kink * 0.02);
+            NEAR(g.z, slope[2], loose + kink * 0.02);
+        }
+    CHECK(used > 2300);
+}
+
+/* Where the gradient is not unique it is still a unit vector, and the same on every call. */
+static void degenerate_points(void) {
+    peri_shape s[4];
+    int k, i;
+    s[0] = peri_shape_box(1, 1, 1);
+    s[1] = peri_shape_ball(1);
+    s[2] = peri_shape_cylinder(1, 1);
+    s[3] = peri_shape_capsule(1, 1);
+    for (k = 0; k < 4; k++)
+        for (i = 0; i < 3; i++) {
+            peri_vec3 p = vec(0, 0, i == 0 ? 0 : i == 1 ? 0.5 : 1), a = vec(9, 9, 9), b = vec(7, 7, 7);
+            (void)peri_shape_evaluate(&s[k], p, &a);
+            (void)peri_shape_evaluate(&s[k], p, &b);
+            NEAR((double)(a.x * a.x + a.y * a.y + a.z * a.z), 1, 1e-6);
+            CHECK(memcmp(&a, &b, sizeof a) == 0);
+        }
+}
+
+/* A user's distance that forgets the gradient still gives one; a mesh and NULL give 0. */
+static void user_distance(void) {
+    peri_shape s = peri_shape_distance(broken, NULL, vec(-1, -1, -1), vec(1, 1, 1)), m = shape_of(&big);
+    peri_vec3 g = vec(5, 5, 5);
+    NEAR(peri_shape_evaluate(&s, vec(-1, 0, 0), &g), -1, 0);
+    NEAR(g.z, 1, 0);
+    NEAR(peri_shape_evaluate(&m, vec(-1, 0, 0), &g), 0, 0);
+    NEAR(peri_shape_evaluate(NULL, vec(-1, 0, 0), &g), 0, 0);
+}
+
+/* ---- lattices ---------------------------------------------------------------------------------------------------- */
+
+/* n d wide boxes get exactly n points an axis, at cell centres, x fastest. */
+static void box_counts(void) {
+    int nx, ny, nz, count, i, j, k;
+    for (nx = 1; nx <= 7; nx++)
+        for (ny = 1; ny <= 7; ny += 3)
+            for (nz = 2; nz <= 8; nz += 3) {
+                double d = 0.07, half = d / 2;
+                peri_shape s = peri_shape_box((peri_real)(nx * half), (peri_real)(ny * half), (peri_real)(nz * half));
+                count = sample(&s, d, points);
+                CHECK(count == nx * ny * nz);
+                for (k = 0; k < nz; k++)
+                    for (j = 0; j < ny; j++)
+                        for (i = 0; i < nx; i++) {
+                            const peri_real *p = points + 3 * ((k * ny + j) * nx + i);
+                            NEAR(p[0], (i - 0.5 * (nx - 1)) * d, 1e-7);
+                            NEAR(p[1], (j - 0.5 * (ny - 1)) * d, 1e-7);
+                            NEAR(p[2], (k - 0.5 * (nz - 1)) * d, 1e-7);
+                        }
+            }
+    {
+        peri_shape s = peri_shape_box((peri_real)0.25, (peri_real)0.25, (peri_real)0.25); /* the quick start */
+        CHECK(sample(&s, 0.05, points) == 1000);
+        s = peri_shape_box((peri_real)0.1, (peri_real)0.1, (peri_real)0.1); /* thinner than the spacing */
+        CHECK(sample(&s, 3, points) == 1);
+        s = peri_shape_box((peri_real)1.74, (peri_real)1.76, (peri_real)1.26); /* rounds down, up, up */
+        CHECK(sample(&s, 1, points) == 3 * 4 * 3);
+    }
+}
+
+/* count d^3 tends to the volume: errors at three spacings, allowed like d (surface noise falls faster). */
+static void volume_of(const peri_shape *s, double volume) {
+    static const double spacing[3] = {0.2, 0.1, 0.06};
+    int i;
+    for (i = 0; i < 3; i++) {
+        int count = sample(s, spacing[i], points);
+        NEAR(count * pow(spacing[i], 3) / volume, 1, 0.5 * spacing[i]);
+    }
+}
+
+static void volumes(void) {
+    peri_shape s = peri_shape_ball(1);
+    volume_of(&s, 4 * PI / 3);
+    s = peri_shape_cylinder((peri_real)0.9, 1);
+    volume_of(&s, PI * 0.81 * 2);
+    s = peri_shape_capsule((peri_real)0.7, (peri_real)0.8);
+    volume_of(&s, PI * 0.49 * 1.6 + 4 * PI / 3 * 0.343);
+    s = torus_shape();
+    volume_of(&s, 2 * PI * PI * 0.16);
+    clear(&big);
+    ball(&big, 1, 100, 100);
+    s = shape_of(&big);
+    volume_of(&s, 4 * PI / 3);
+}
+
+/* The k-th point and the k-th from behind are mirror images, exactly. */
+static void symmetry(void) {
+    peri_shape s[4];
+    int i, k, n;
+    s[0] = peri_shape_ball(1);
+    s[1] = peri_shape_cylinder((peri_real)0.93, (peri_real)1.1);
+    s[2] = peri_shape_capsule((peri_real)0.5, (peri_real)0.6);
+    s[3] = torus_shape();
+    for (k = 0; k < 4; k++) {
+        n = sample(&s[k], 0.11, points);
+        CHECK(n > 100);
+        for (i = 0; i < 3 * n; i += 3) {
+            const peri_real *p = points + i, *q = points + 3 * (n - 1) - i;
+            CHECK(!(p[0] + q[0] > 0) && !(p[0] + q[0] < 0));
+            CHECK(!(p[1] + q[1] > 0) && !(p[1] + q[1] < 0));
+            CHECK(!(p[2] + q[2] > 0) && !(p[2] + q[2] < 0));
+        }
+    }
+}
+
+static int same(int n, const peri_real *a, int m, const peri_real *b) {
+    int i;
+    if (n != m || n <= 0) return 0;
+    for (i = 0; i < 3 * n; i++)
+        if (fabs((double)a[i] - (double)b[i]) > 1e-6) return 0;
+    return 1;
+}
+
+/* A cube mesh gives the box's lattice, whether its triangles share vertices or not. At spacing 2/9 its diagonals and at
+   2/8 + its edges are met exactly by lattice lines; shifted by a corner, vertices are. */
+static void mesh_cube(void) {
+    peri_shape box = peri_shape_box(1, 1, 1), s;
+    int n, split;
+    double d;
+    for (split = 0; split < 2; split++) {
+        clear(&big);
+        cube(&big, 0, 0, 0, 1, split);
+        s = shape_of(&big);
+        for (n = 1; n <= 30; n++) {
+            d = 2.0 / n;
+            CHECK(same(sample(&box, d, points), points, sample(&s, d, other), other));
+            d = 2.0 / (n + 0.37);
+            CHECK(same(sample(&box, d, points), points, sample(&s, d, other), other));
+        }
+    }
+}
+
+/* An octahedron has vertices, edges and faces on lattice lines and planes for every odd and even number of cells. */
+static void lines_through_vertices(void) {
+    static const int t[24] = {0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5};
+    int n, i, k, count;
+    peri_shape s;
+    clear(&big);
+    for (i = 0; i < 6; i++)
+        add_vertex(&big, i == 0 ? 1 : i == 1 ? -1 : 0, i == 2 ? 1 : i == 3 ? -1 : 0, i == 4 ? 1 : i == 5 ? -1 : 0);
+    for (i = 0; i < 24; i += 3) add_triangle(&big, t[i], t[i + 1], t[i + 2]);
+    s = shape_of(&big);
+    for (n = 1; n <= 33; n += n == 1 ? 2 : 1) { /* two cells an axis have none inside */
+        int inside = 0, edge = 0, half = n - 1, x, y, z; /* centres at (2 i - half) / n, in units of 1/n */
+        count = sample(&s, 2.0 / n, points);
+        for (k = 0; k < count; k++) {
+            const peri_real *p = points + 3 * k;
+            CHECK(fabs((double)p[0]) + fabs((double)p[1]) + fabs((double)p[2]) < 1 + 1e-6);
+        }
+        for (x = -half; x <= half; x += 2)
+            for (y = -half; y <= half; y += 2)
+                for (z = -half; z <= half; z += 2) {
+                    int sum = abs(x) + abs(y) + abs(z);
+                    inside += sum < n;
+                    edge += sum == n; /* exactly on a face: may count or not */
+                }
+        CHECK(count >= inside && count <= inside + edge);
+    }
+}
+
+/* Points of a ball's mesh: inside the ball; and of the ball, all that are not between facets and ball. */
+static void mesh_ball(void) {
+    peri_shape s, smaller;
+    peri_real *p;
+    int n, m, i, j, rings = 60;
+    double d = 0.08, gap = 1 - cos(PI / rings) + 0.002;
+    clear(&big);
+    ball(&big, 1, rings, 2 * rings);
+    s = shape_of(&big);
+    n = sample(&s, d, points);
+    for (i = 0; i < n; i++) {
+        p = points + 3 * i;
+        CHECK((double)(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) < 1);
+    }
+    smaller = peri_shape_distance(torus, torus_size, vec(-1, -1, -1), vec(1, 1, 1)); /* a torus of ring radius 0 */
+    torus_size[0] = 0;
+    torus_size[1] = 1 - gap;
+    m = sample(&smaller, d, other);
+    torus_size[0] = 1;
+    torus_size[1] = 0.4;
+    CHECK(n >= m && n < m * 1.02);
+    for (i = j = 0; i < n && j < m; i++) /* both run in the same order */
+        if (fabs((double)points[3 * i] - (double)other[3 * j]) < 1e-6 &&
+            fabs((double)points[3 * i + 1] - (double)other[3 * j + 1]) < 1e-6 &&
+            fabs((double)points[3 * i + 2] - (double)other[3 * j + 2]) < 1e-6) j++;
+    CHECK(j == m);
+}
+
+/* Two cubes that overlap in a quarter: its points are taken once. A cavity (a cube turned inwards) stays empty. */
+static void overlap_and_cavity(void) {
+    peri_shape s;
+    clear(&big);
+    cube(&big, 0, 0, 0, 0.5, 0);
+    cube(&big, 0.5, 0.3, 0, 0.5, 0);
+    s = shape_of(&big);
+    CHECK(sample(&s, 0.1, points) == 2 * 1000 - 5 * 7 * 10);
+    clear(&big);
+    cube(&big, 0, 0, 0, 0.25, 0);
+    turn(&big);
+    cube(&big, 0, 0, 0, 0.75, 0);
+    s = shape_of(&big);
+    CHECK(sample(&s, 0.1, points) == 15 * 15 * 15 - 5 * 5 * 5);
+}
+
+/* An inside-out mesh is sampled as if it were turned. */
+static void inside_out(void) {
+    peri_shape s;
+    int n;
+    clear(&big);
+    ball(&big, 1, 40, 40);
+    s = shape_of(&big);
+    n = sample(&s, 0.1, points);
+    turn(&big);
+    CHECK(same(n, points, sample(&s, 0.1, other), other));
+}
+
+/* Any one triangle may be missing: the points stay the same. So may be several, and a slit. */
+static void small_holes(void) {
+    peri_shape s;
+    int n, t, k, keep[3];
+    clear(&big);
+    ball(&big, 1, 40, 60);
+    s = shape_of(&big);
+    n = sample(&s, 0.11, points);
+    for (t = 0; t < big.triangles; t += 37) {
+        memcpy(keep, big.t + 3 * t, sizeof keep);
+        for (k = 0; k < 3; k++) big.t[3 * t + k] = big.t[3 * big.triangles - 3 + k];
+        s.triangle_count = big.triangles - 1;
+        CHECK(same(n, points, sample(&s, 0.11, other), other));
+        memcpy(big.t + 3 * t, keep, sizeof keep);
+    }
+    s.triangle_count = big.triangles;
+    for (t = 20; t < big.triangles; t += 401) /* five or so degenerate ones: their edges open */
+        big.t[3 * t + 1] = big.t[3 * t];
+    CHECK(same(n, points, sample(&s, 0.11, other), other));
+}
+
+/* A T-junction: one side of a cube's edge has a vertex that the other lacks. Nothing is open, however long the edge. */
+static void t_junction(void) {
+    peri_shape box = peri_shape_box(1, 1, 1), s;
+    int middle, a, b, c;
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    a = big.t[0];
+    b = big.t[1];
+    c = big.t[2];
+    middle = add_vertex(&big, 0.4 * (double)big.x[3 * a] + 0.6 * (double)big.x[3 * b],
+                        0.4 * (double)big.x[3 * a + 1] + 0.6 * (double)big.x[3 * b + 1],
+                        0.4 * (double)big.x[3 * a + 2] + 0.6 * (double)big.x[3 * b + 2]);
+    big.t[1] = middle;
+    add_triangle(&big, middle, b, c);
+    s = shape_of(&big);
+    CHECK(same(sample(&box, 0.1, points), points, sample(&s, 0.1, other), other));
+}
+
+static void large_hole(void) {
+    peri_shape s;
+    peri_error err;
+    int count, rings = 40, t, kept = 0;
+    char *at;
+    double width = 0, x = 0, y = 0, z = 0, ring = sin(PI * 10 / rings); /* cut at the 10th ring below the north pole */
+    clear(&big);
+    ball(&big, 1, rings, 64);
+    for (t = 0; t < big.triangles; t++) {
+        const int *c = big.t + 3 * t;
+        double low = fmin((double)big.x[3 * c[0] + 2], fmin((double)big.x[3 * c[1] + 2], (double)big.x[3 * c[2] + 2]));
+        if (low > cos(PI * 10 / rings) - 1e-5) continue;
+        memmove(big.t + 3 * kept, c, 3 * sizeof(int));
+        kept++;
+    }
+    CHECK(kept < big.triangles);
+    big.triangles = kept;
+    s = shape_of(&big);
+    CHECK(peri_sample(&s, (peri_real)0.1, points, MOST, &count, &err) == PERI_ERROR_GEOMETRY);
+    at = strstr(err.text, "a hole ");
+    CHECK(at && sscanf(at, "a hole %lf m wide at (%lf, %lf, %lf)", &width, &x, &y, &z) == 4);
+    NEAR(width, 2 * ring, 0.005);
+    NEAR(x, 0, 1e-3);
+    NEAR(y, 0, 1e-3);
+    NEAR(z, cos(PI * 10 / rings), 0.005);
+    CHECK(strstr(err.text, "close it") != NULL);
+    clear(&big); /* the lid of a cube */
+    cube(&big, 1, 2, 3, 0.5, 1);
+    big.triangles -= 2;
+    s = shape_of(&big);
+    REFUSED(&s, 0.1, PERI_ERROR_GEOMETRY, "a hole 1.41 m wide at (1, 2, 3.5)");
+    clear(&big); /* two holes: the wider is named */
+    cube(&big, 0, 0, 0, 1, 0);
+    cube(&big, 10, 0, 0, 2, 0);
+    big.triangles -= 2;
+    memmove(big.t, big.t + 6, sizeof(int) * (size_t)(3 * big.triangles - 6));
+    big.triangles -= 2;
+    s = shape_of(&big);
+    REFUSED(&s, 0.5, PERI_ERROR_GEOMETRY, "a hole 5.66 m wide at (10, 0, 2)");
+    clear(&big); /* one triangle that faces the wrong way */
+    cube(&big, 0, 0, 0, 1, 0);
+    t = big.t[0];
+    big.t[0] = big.t[1];
+    big.t[1] = t;
+    s = shape_of(&big);
+    REFUSED(&s, 0.1, PERI_ERROR_GEOMETRY, "wrong way");
+}
+
+/* How far p is outside the convex mesh: its distance to the furthest facet plane. */
+static double outside(const mesh *m, const double p[3]) {
+    double worst = -1e300;
+    int t, a;
+    for (t = 0; t < m->triangles; t++) {
+        double u[3], v[3], w[3], n[3], length;
+        for (a = 0; a < 3; a++) {
+            double x = (double)m->x[3 * m->t[3 * t] + a];
+            u[a] = (double)m->x[3 * m->t[3 * t + 1] + a] - x;
+            v[a] = (double)m->x[3 * m->t[3 * t + 2] + a] - x;
+            w[a] = p[a] - x;
+        }
+        n[0] = u[1] * v[2] - u[2] * v[1];
+        n[1] = u[2] * v[0] - u[0] * v[2];
+        n[2] = u[0] * v[1] - u[1] * v[0];
+        length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        worst = fmax(worst, (n[0] * w[0] + n[1] * w[1] + n[2] * w[2]) / length);
+    }
+    return worst;
+}
+
+/* Sheared balls of any size: their points are those inside all facets, no streak outside and no gap inside. */
+static void watertight(void) {
+    int trial, i, j, k, n, a;
+    peri_shape s;
+    seed = 5;
+    for (trial = 0; trial < 20; trial++) {
+        double map[12], scale = pow(10, 6 * next_random() - 3), d, p[3], loose = 1e-5 * scale;
+        int inside = 0, edge = 0, reach = 4 + trial % 7;
+        for (k = 0; k < 12; k++) map[k] = next_random() - 0.5 + (k % 4 == 0 && k < 9 ? 1.5 : 0);
+        clear(&big);
+        ball(&big, 1, 5 + trial % 7, 5 + trial % 5);
+        for (i = 0; i < big.vertices; i++) {
+            peri_real *x = big.x + 3 * i;
+            for (a = 0; a < 3; a++)
+                p[a] = map[9 + a] + map[3 * a] * (double)x[0] + map[3 * a + 1] * (double)x[1] +
+                       map[3 * a + 2] * (double)x[2];
+            for (a = 0; a < 3; a++) x[a] = (peri_real)(scale * p[a]);
+        }
+        s = shape_of(&big);
+        d = scale * 2 / reach;
+        n = sample(&s, d, points);
+        CHECK(n > 0);
+        for (i = 0; i < n; i++) {
+            for (a = 0; a < 3; a++) p[a] = (double)points[3 * i + a];
+            CHECK(outside(&big, p) < loose);
+        }
+        for (k = -4 * reach; k <= 4 * reach; k++) /* the lattice, carried on from one of its points */
+            for (j = -4 * reach; j <= 4 * reach; j++)
+                for (i = -4 * reach; i <= 4 * reach; i++) {
+                    double far_off;
+                    p[0] = (double)points[0] + i * d;
+                    p[1] = (double)points[1] + j * d;
+                    p[2] = (double)points[2] + k * d;
+                    for (far_off = 0, a = 0; a < 3; a++)
+                        far_off = fmax(far_off, fabs(p[a] / scale - map[9 + a]));
+                    if (far_off > 2.6) continue;
+                    far_off = outside(&big, p);
+                    inside += far_off < -loose;
+                    edge += far_off >= -loose && far_off < loose;
+                }
+        CHECK(n >= inside && n <= inside + edge);
+        CHECK(edge < 9);
+    }
+}
+
+static void capacity(void) {
+    peri_shape s = peri_shape_box(1, 1, 1), m;
+    int count = 0, i;
+    peri_error err;
+    for (i = 0; i < 30; i++) points[i] = 77;
+    CHECK(peri_sample(&s, 1, points, 7, &count, &err) == PERI_ERROR_LIMIT);
+    CHECK(count == 8);
+    CHECK(strstr(err.text, "7 points") && strstr(err.text, "8 are inside"));
+    for (i = 21; i < 30; i++) NEAR(points[i], 77, 0);
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    m = shape_of(&big);
+    for (i = 0; i < 30; i++) points[i] = 77;
+    CHECK(peri_sample(&m, 1, points, 5, &count, &err) == PERI_ERROR_LIMIT);
+    CHECK(count == 8);
+    for (i = 15; i < 30; i++) NEAR(points[i], 77, 0);
+    CHECK(peri_sample(&m, 1, points, 0, &count, &err) == PERI_ERROR_LIMIT);
+    CHECK(peri_sample(&m, 1, points, 8, &count, &err) == PERI_OK);
+    CHECK(peri_sample(&m, 1, points, -1, &count, &err) == PERI_ERROR_VALUE && strstr(err.text, "capacity is -1"));
+}
+
+static void errors(void) {
+    peri_shape s;
+    peri_real bad = (peri_real)HUGE_VAL, nan = bad - bad;
+    int count;
+    REFUSED(NULL, 1, PERI_ERROR_ARGUMENT, "shape is NULL");
+    s = peri_shape_plane();
+    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "no bounds");
+    s.kind = (peri_shape_kind)99;
+    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "shape.kind is 99");
+    s = peri_shape_box(1, 0, 1);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.half.y is 0");
+    s = peri_shape_box(1, 1, nan);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.half.z is ");
+    s = peri_shape_ball(-2);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.radius is -2");
+    s = peri_shape_ball(bad);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.radius is inf");
+    s = peri_shape_cylinder(1, 0);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.half_length is 0");
+    s = peri_shape_capsule(1, -1);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.half_length is -1");
+    s = peri_shape_capsule(1, 0);
+    CHECK(sample(&s, 1, points) == 8);
+    s = peri_shape_distance(NULL, NULL, vec(0, 0, 0), vec(1, 1, 1));
+    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "shape.distance is NULL");
+    s = peri_shape_distance(torus, torus_size, vec(0, 0, 0), vec(1, 0, 1));
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.upper.y is 0");
+    s = peri_shape_distance(broken, NULL, vec(-1, -1, -1), vec(1, 1, 1));
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "the signed distance at (0.5, ");
+    s = torus_shape();
+    REFUSED(&s, 3, PERI_ERROR_GEOMETRY, "spacing 3 m is too coarse");
+    s = peri_shape_ball(1);
+    REFUSED(&s, 0, PERI_ERROR_VALUE, "spacing is 0");
+    REFUSED(&s, -1, PERI_ERROR_VALUE, "spacing is -1");
+    REFUSED(&s, (double)nan, PERI_ERROR_VALUE, "spacing is ");
+    REFUSED(&s, 1e-6, PERI_ERROR_LIMIT, "2^40");
+    REFUSED(&s, 1e-30, PERI_ERROR_LIMIT, "2^40");
+    CHECK(peri_sample(&s, 1, NULL, 0, NULL, NULL) == PERI_ERROR_ARGUMENT);
+    CHECK(peri_sample(&s, -1, NULL, 0, &count, NULL) == PERI_ERROR_VALUE);
+}
+
+static void mesh_errors(void) {
+    peri_shape s;
+    peri_real far_away = (peri_real)(sizeof(peri_real) == 4 ? 3e38 : 3e300), keep;
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    s = shape_of(&big);
+    s.vertices = NULL;
+    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "shape.vertices of a mesh is NULL");
+    s = shape_of(&big);
+    s.triangles = NULL;
+    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "shape.triangles of a mesh is NULL");
+    s = shape_of(&big);
+    s.triangle_count = 0;
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.triangle_count is 0");
+    s.triangle_count = 2147483647;
+    REFUSED(&s, 1, PERI_ERROR_LIMIT, "shape.triangle_count is 2147483647");
+    s = shape_of(&big);
+    s.vertex_count = -5;
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.vertex_count is -5");
+    s.vertex_count = 7;
+    REFUSED(&s, 1, PERI_ERROR_INDEX, "uses vertex 7; there are 7");
+    s = shape_of(&big);
+    big.t[10] = -3;
+    REFUSED(&s, 1, PERI_ERROR_INDEX, "triangle 3 of the mesh uses vertex -3");
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    keep = big.x[16];
+    big.x[16] = (peri_real)HUGE_VAL;
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "vertex 5 of the mesh is (");
+    big.x[16] = far_away;
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "1e-30 to 1e30");
+    big.x[16] = keep;
+    REFUSED(&s, 1e-6, PERI_ERROR_LIMIT, "2^40");
+    memset(big.x, 0, sizeof big.x);
+    REFUSED(&s, 1, PERI_ERROR_VALUE, "the mesh is 0 m in size");
+    clear(&big); /* a ring whose lattice has one cell, in the hole */
+    cube(&big, -1, 0, 0, 0.25, 0);
+    cube(&big, 1, 0, 0, 0.25, 0);
+    s = shape_of(&big);
+    REFUSED(&s, 2.4, PERI_ERROR_GEOMETRY, "too coarse");
+}
+
+/* ---- memory ------------------------------------------------------------------------------------------------------ */
+
+typedef struct budget {
+    int allowed, calls;
+    size_t held;
+} budget;
+
+static void *limited(void *ptr, size_t old_bytes, size_t new_bytes, void *user) {
+    budget *b = (budget *)user;
+    void *p;
+    if (new_bytes == 0) {
+        b->held -= old_bytes;
+        free(ptr);
+        return NULL;
+    }
+    if (b->calls++ >= b->allowed) return NULL;
+    p = realloc(ptr, new_bytes);
+    b->held += new_bytes - old_bytes;
+    return p;
+}
+
+static void failing_memory(void) {
+    peri_allocator memory;
+    budget b;
+    peri_shape s;
+    peri_error err;
+    int count, n, refusals = 0;
+    memory.resize = limited;
+    memory.user = &b;
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    s = shape_of(&big);
+    for (n = 0; n < 20; n++) {
+        peri_result r;
+        memset(&b, 0, sizeof b);
+        b.allowed = n;
+        r = peri_sample_with(&s, (peri_real)0.5, points, MOST, &count, &memory, &err);
+        CHECK(b.held == 0);
+        if (!r) break;
+        CHECK(r == PERI_ERROR_MEMORY && err.code == r && count == 0 && strstr(err.text, "no memory"));
+        refusals++;
+    }
+    CHECK(count == 64 && refusals == n && n > 0 && n < 20);
+    s.triangle_count -= 2; /* refused after an allocation: nothing stays */
+    memset(&b, 0, sizeof b);
+    b.allowed = 20;
+    CHECK(peri_sample_with(&s, (peri_real)0.5, points, MOST, &count, &memory, &err) == PERI_ERROR_GEOMETRY);
+    CHECK(b.calls > 0 && b.held == 0);
+    s = peri_shape_ball(1); /* no memory at all for other shapes */
+    memset(&b, 0, sizeof b);
+    CHECK(peri_sample_with(&s, (peri_real)0.5, points, MOST, &count, &memory, &err) == PERI_OK && b.calls == 0);
+}
+
+int main(int argc, char **argv) {
+    test_begin(argc, argv);
+    RUN(distances);
+    RUN(gradients);
+    RUN(degenerate_points);
+    RUN(user_distance);
+    RUN(box_counts);
+    RUN(volumes);
+    RUN(symmetry);
+    RUN(mesh_cube);
+    RUN(lines_through_vertices);
+    RUN(mesh_ball);
+    RUN(overlap_and_cavity);
+    RUN(inside_out);
+    RUN(small_holes);
+    RUN(t_junction);
+    RUN(large_hole);
+    RUN(watertight);
+    RUN(capacity);
+    RUN(errors);
+    RUN(mesh_errors);
+    RUN(failing_memory);
+    return test_end();
+}
