@@ -448,7 +448,8 @@ typedef struct peri__body {
     int *row, *col;             /* the same arrays, writable while they are made */
     peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment;
     peri_real *points;          /* reference positions as they were given */
-    peri_real *value, *diagonal, *stiffness;    /* of the matrix; stiffness: sum of a row's bonds */
+    peri_real *value, *diagonal;    /* of the matrix */
+    peri_real *stiffness, *pinned;  /* sum of a row's bonds; stiffness of contacts in the diagonal, N/m */
     peri_quat rotation;         /* of the definition: points to world, for skins */
     peri_vec3 position;
     double spacing, horizon, radius, mass;
@@ -457,6 +458,9 @@ typedef struct peri__body {
     int steps;                  /* since the last break of its history: BDF2 needs one */
     double step_before;         /* dt of the last step, for BDF2 with changing steps */
     double matrix_h;            /* the step that the matrix was made for; 0: must be made */
+    int stale;                  /* particles whose contact the factor does not know, or knows without need */
+    double wasted;              /* operations that stale particles have cost since the last factorisation */
+    int usual;                  /* iterations of the last step with a fresh factor */
 #ifndef PERI_NO_CHOLESKY
     peri_cholesky *factor;
 #endif
@@ -476,9 +480,11 @@ typedef struct peri__collider {
 /* A particle near a collider. Kept from step to step while it touches: friction remembers where it holds. */
 typedef struct peri__contact {
     int body, collider, particle, touching;
+    int known;              /* touched in the step before */
     double anchor[3];       /* where friction holds the particle, in the collider's frame */
     double force[3];        /* on the particle, N */
     double normal[3], pressure, stiffness, energy;
+    double held;            /* the pressure that limits friction: fixed during a line search, so that there is an energy */
 } peri__contact;
 
 /* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
@@ -1966,7 +1972,7 @@ typedef struct peri__stored_material {
 static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t bonds, size_t bodies) {
     size_t r = sizeof(peri_real), i = sizeof(int);
     (void)d;
-    return particles * (i + (6 + 21 + 3 + 4) * r) + bonds * (i + 7 * r) + bodies * (20 * PERI__UNIT) +
+    return particles * (i + (6 + 21 + 3 + 5) * r) + bonds * (i + 7 * r) + bodies * (20 * PERI__UNIT) +
            particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
 }
 
@@ -2254,6 +2260,7 @@ static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
     PERI__PART(value, peri_real, m * r);
     PERI__PART(diagonal, peri_real, n * r);
     PERI__PART(stiffness, peri_real, n * r);
+    PERI__PART(pinned, peri_real, n * r);
     PERI__PART(share, peri_real, n * r);
     PERI__PART(volume, peri_real, n * r);
     PERI__PART(points, peri_real, 3 * n * r);
@@ -2493,6 +2500,14 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
     return bad ? bad : peri__check_body_arrays(d, err);
 }
 
+/* Stiffness of bond k of particle i in the constant matrix (PP section 4.1, SH (23)), N/m. */
+static double peri__bond_stiffness(const peri__body *b, int i, int k) {
+    double gain = b->gain ? (double)b->gain[k] : 1;
+    return b->spacing * b->spacing * b->spacing *
+           (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[b->col[k]])) *
+           (b->matter.stiffness_g + gain * b->matter.stiffness_h);
+}
+
 /* State of the new particles: called when nothing can fail any more. */
 static void peri__body_state(peri_world *w, peri__body *b, const peri__making *make, const unsigned char *flags) {
     const peri_body_def *d = make->def;
@@ -2509,6 +2524,10 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
         for (c = 0; c < 3; c++) centre[c] += m * make->x[3 * i + (size_t)c];
     }
     for (i = 0; i < (size_t)b->count; i++) {
+        double stiffness = 0;
+        for (c = b->row[i]; c < b->row[i + 1]; c++) stiffness += peri__bond_stiffness(b, (int)i, c);
+        b->stiffness[i] = (peri_real)stiffness;
+        b->pinned[i] = 0;
         at = (size_t)b->first + i;
         w->flags[at] = flags[i];
         if (d->fixed && d->fixed[i]) w->flags[at] |= PERI__FIXED, b->fixed++;
@@ -2983,7 +3002,7 @@ static int peri__contact_order(const peri__contact *a, const peri__contact *b) {
 
 /* Contacts that body k may have in this step, from its first guess in x; those of the step before are met in order from
    *before on and keep their hold. */
-static peri_result peri__contacts_find(peri_world *w, int k, int *before) {
+static peri_result peri__contacts_find(peri_world *w, int k, double h, int *before) {
     peri__body *b = peri__body_at(w, k);
     const double *x = w->x + 3 * (size_t)b->first, *x0 = w->x0 + 3 * (size_t)b->first;
     double lower[3], upper[3], centre[3], reach = 0, margin, size = 0;
@@ -3017,17 +3036,37 @@ static peri_result peri__contacts_find(peri_world *w, int k, int *before) {
                 ++*before;
             if (*before < w->contact_before_count && !peri__contact_order(&contact, &w->contacts_before[*before])) {
                 memcpy(contact.anchor, w->contacts_before[*before].anchor, sizeof contact.anchor);
+                contact.known = 1;
             } else {
                 for (c = 0; c < 3; c++) away[c] = x0[3 * (size_t)i + (size_t)c] - collider->position[c];
                 peri__apply_back(collider->rotation, away, contact.anchor);
             }
-            contact.stiffness = 0.5 * (double)b->stiffness[i] +
-                                (double)w->mass[b->first + i] / (b->matrix_h * b->matrix_h);
+            contact.stiffness = 0.5 * (double)b->stiffness[i] + (double)w->mass[b->first + i] / (h * h);
             bad = peri__contact_add(w, &contact);
             if (bad) return bad;
         }
     }
     return PERI_OK;
+}
+
+/* A guess deep inside a collider would start the solve from layers pushed through each other. The body's guess is drawn
+   back towards where it was until no particle is deeper than a quarter of a spacing. */
+static void peri__contacts_retreat(peri_world *w, int k, int begin) {
+    peri__body *b = peri__body_at(w, k);
+    double *x = w->x + 3 * (size_t)b->first, share = 1, deepest = b->spacing / 4;
+    const double *x0 = w->x0 + 3 * (size_t)b->first;
+    int i;
+    for (i = begin; i < w->contact_count; i++) {
+        const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, w->contacts[i].collider);
+        size_t at = 3 * (size_t)w->contacts[i].particle;
+        double depth = b->radius - peri__collider_distance(c, 1, x + at, NULL), depth0, part;
+        if (depth <= deepest) continue;
+        depth0 = b->radius - peri__collider_distance(c, 1, x0 + at, NULL);
+        part = depth0 < deepest ? (deepest - depth0) / (depth - depth0) : 0;
+        if (part < share) share = part;
+    }
+    for (i = 0; share < 1 && i < 3 * b->count; i++)
+        if (!(w->flags[b->first + i / 3] & PERI__FIXED)) x[i] = x0[i] + share * (x[i] - x0[i]);
 }
 
 static double peri__friction(const peri__collider *c) {
@@ -3051,7 +3090,7 @@ static void peri__contact_hold(const peri__collider *c, const peri__contact *t, 
         *length += tangent[k] * tangent[k];
     }
     *length = sqrt(*length);
-    *limit = peri__friction(c) * t->pressure / t->stiffness;   /* displacement at which it slips */
+    *limit = peri__friction(c) * t->held / t->stiffness;   /* displacement at which it slips */
 }
 
 /* Force of one contact at its particle's position x, left in the contact. */
@@ -3226,25 +3265,42 @@ static peri_result peri__health_check(peri_world *w, peri__body *b) {
 
 static void peri__matrix_values(peri_world *w, peri__body *b, double h) {
     const unsigned char *flags = w->flags + b->first;
-    double unit = b->bonds.unit, scale = (double)w->def.matrix_scale, ratio;
+    double scale = (double)w->def.matrix_scale, ratio;
     int i, k;
     b->chebyshev_low = 1;
     for (i = 0; i < b->count; i++) {
-        double sum = 0, mass = (double)w->mass[b->first + i] / (h * h);
-        for (k = b->row[i]; k < b->row[i + 1]; k++) {
-            int j = b->col[k];
-            double gain = b->gain ? (double)b->gain[k] : 1;
-            double value = unit * (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[j])) *
-                           (b->matter.stiffness_g + gain * b->matter.stiffness_h);
-            sum += value;
-            b->value[k] = flags[i] & PERI__FIXED || flags[j] & PERI__FIXED ? 0 : (peri_real)(-scale * value);
-        }
-        b->stiffness[i] = (peri_real)sum;
-        b->diagonal[i] = (peri_real)(mass + scale * sum);
-        ratio = mass / (mass + scale * sum);
+        double mass = (double)w->mass[b->first + i] / (h * h) + (double)b->pinned[i];
+        for (k = b->row[i]; k < b->row[i + 1]; k++)
+            b->value[k] = flags[i] & PERI__FIXED || flags[b->col[k]] & PERI__FIXED
+                              ? 0 : (peri_real)(-scale * peri__bond_stiffness(b, i, k));
+        b->diagonal[i] = (peri_real)(mass + scale * (double)b->stiffness[i]);
+        ratio = mass / (mass + scale * (double)b->stiffness[i]);
         if (ratio < b->chebyshev_low) b->chebyshev_low = ratio;
     }
     b->matrix_h = h;
+    b->stale = 0;
+    b->wasted = 0;
+}
+
+/* Contacts stiffen the matrix where they touch, or (guessing, before a solve) where they did and have hardly left. Writes
+   that into pinned when `take` is set; returns the number of particles that differ from it. p serves as scratch. */
+static int peri__matrix_pin(peri_world *w, peri__body *b, int begin, int guessing, int take) {
+    peri_real *wanted = w->p + 3 * (size_t)b->first;
+    int i, differ = 0;
+    for (i = 0; i < b->count; i++) wanted[i] = 0;
+    for (i = begin; i < w->contact_count; i++) {
+        peri__contact *t = &w->contacts[i];
+        const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, t->collider);
+        const double *x = w->x + 3 * (size_t)(b->first + t->particle);
+        double depth = b->radius - peri__collider_distance(c, 1, x, NULL);
+        if (depth > 0 || (guessing && t->known && depth > -0.1 * b->spacing))
+            wanted[t->particle] += (peri_real)t->stiffness;
+    }
+    for (i = 0; i < b->count; i++) {
+        differ += (wanted[i] > 0) != (b->pinned[i] > 0);
+        if (take) b->pinned[i] = wanted[i];
+    }
+    return differ;
 }
 
 static peri_matrix peri__matrix(const peri__body *b) {
@@ -3285,19 +3341,37 @@ static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
 }
 #endif
 
-/* Makes the matrix ready for a step whose effective length is h. */
-static peri_result peri__matrix_prepare(peri_world *w, peri__body *b, double h) {
+static void peri__solver_choose(const peri_world *w, peri__body *b) {
+    if (b->solver != PERI_SOLVER_AUTO) return;
+    b->solver = w->def.solver;
+    if (b->solver == PERI_SOLVER_AUTO)
+        b->solver = b->count <= PERI__CHOLESKY_MOST ? PERI_SOLVER_CHOLESKY : PERI_SOLVER_CHEBYSHEV;
+#ifdef PERI_NO_CHOLESKY
+    if (b->solver == PERI_SOLVER_CHOLESKY) b->solver = PERI_SOLVER_CHEBYSHEV;
+#endif
+}
+
+/* Operations of a factorisation, and of an iteration, counted: the choice must not depend on a clock. */
+static double peri__factor_cost(const peri__body *b) {
+#ifndef PERI_NO_CHOLESKY
+    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return peri_cholesky_operations(b->factor);
+#endif
+    return 10.0 * b->row[b->count];
+}
+
+static double peri__iteration_cost(const peri__body *b) {
+    double bonds = 150.0 * b->row[b->count];
+#ifndef PERI_NO_CHOLESKY
+    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return bonds + 12.0 * (double)peri_cholesky_entries(b->factor);
+#endif
+    return bonds;
+}
+
+/* Makes the matrix for steps of effective length h and the contacts from `contacts` on. */
+static peri_result peri__matrix_make(peri_world *w, peri__body *b, int contacts, int guessing, double h) {
     double start = peri__clock(w);
     peri_result bad = PERI_OK;
-    if (b->matrix_h > 0 && h < 1.25 * b->matrix_h && h > 0.8 * b->matrix_h) return PERI_OK;
-    if (b->solver == PERI_SOLVER_AUTO) {
-        b->solver = w->def.solver;
-        if (b->solver == PERI_SOLVER_AUTO)
-            b->solver = b->count <= PERI__CHOLESKY_MOST ? PERI_SOLVER_CHOLESKY : PERI_SOLVER_CHEBYSHEV;
-#ifdef PERI_NO_CHOLESKY
-        if (b->solver == PERI_SOLVER_CHOLESKY) b->solver = PERI_SOLVER_CHEBYSHEV;
-#endif
-    }
+    peri__matrix_pin(w, b, contacts, guessing, 1);
     peri__matrix_values(w, b, h);
     if (b->solver == PERI_SOLVER_CHEBYSHEV) bad = peri__reserve(w, w->particles, PERI__WANT_CHEBYSHEV, 0);
 #ifndef PERI_NO_CHOLESKY
@@ -3306,6 +3380,16 @@ static peri_result peri__matrix_prepare(peri_world *w, peri__body *b, double h) 
     if (bad) b->matrix_h = 0;
     w->stats.profile.factor += 1e3 * (peri__clock(w) - start);
     return bad;
+}
+
+/* Before a step: the matrix is made anew when the step has changed much, or when contacts that it does not know have
+   cost as much as that takes. */
+static peri_result peri__matrix_prepare(peri_world *w, peri__body *b, int contacts, double h) {
+    int near = b->matrix_h > 0 && h < 1.25 * b->matrix_h && h > 0.8 * b->matrix_h;
+    peri__solver_choose(w, b);
+    b->stale = peri__matrix_pin(w, b, contacts, 1, 0);
+    if (near && (!b->stale || b->wasted < peri__factor_cost(b))) return PERI_OK;
+    return peri__matrix_make(w, b, contacts, 1, h);
 }
 
 typedef struct peri__solver_context {
@@ -3388,6 +3472,22 @@ static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
     return peri__finite(*energy) && peri__finite(peri_dot(&s->w->def.parallel, s->n, out, out));
 }
 
+/* Lets friction know the present pressures; gradient and energy follow. */
+static void peri__refresh_friction(peri__solve *s) {
+    int k, c;
+    for (k = s->contact_begin; k < s->contact_end; k++) {
+        peri__contact *t = &s->w->contacts[k];
+        peri_real *g = s->g + 3 * (size_t)t->particle;
+        double before[3];
+        memcpy(before, t->force, sizeof before);
+        s->energy -= t->energy;
+        t->held = t->pressure;
+        peri__contact_force(s->w, s->b, t, s->x + 3 * (size_t)t->particle);
+        for (c = 0; c < 3; c++) g[c] += (peri_real)(before[c] - t->force[c]);
+        s->energy += t->energy;
+    }
+}
+
 static double peri__largest(const peri_real *p, int n) {
     double largest = 0;
     int k;
@@ -3451,6 +3551,7 @@ static int peri__iterate(peri__solve *s, double tolerance, double *length) {
     s->g = s->g1;
     s->g1 = swap;
     s->energy = s->energy1;
+    peri__refresh_friction(s);
     return 1;
 }
 
@@ -3475,11 +3576,22 @@ static void peri__solve_begin(peri__solve *s, peri_world *w, peri__body *b, doub
     peri_lbfgs_begin(&s->lbfgs, s->n, w->def.lbfgs, w->history ? w->history + 2 * (size_t)w->def.lbfgs * at : NULL);
 }
 
+/* Within a solve that takes longer than usual: counts what contacts unknown to the matrix cost, and makes it anew when
+   that has become as much as making it (which bounds the loss at a factor of two). */
+static peri_result peri__matrix_renew(peri__solve *s, double h, int evaluations) {
+    peri__body *b = s->b;
+    b->stale = peri__matrix_pin(s->w, b, s->contact_begin, 0, 0);
+    if (!b->stale) return PERI_OK;
+    b->wasted += evaluations * peri__iteration_cost(b);
+    return b->wasted < peri__factor_cost(b) ? PERI_OK : peri__matrix_make(s->w, b, s->contact_begin, 0, h);
+}
+
 /* Solves body b; x holds the first guess and then the answer. */
 static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_begin, double h) {
     peri__solve s;
     double tolerance = (double)w->def.tolerance * b->spacing, length = 0, residual;
-    int iterations = 0, going = 1;
+    int iterations = 0, going = 1, before;
+    peri_result bad = PERI_OK;
     peri__solve_begin(&s, w, b, 1 / (h * h));
     s.contact_begin = contact_begin;
     s.contact_end = w->contact_count;
@@ -3487,10 +3599,15 @@ static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_be
         return peri__fail(&w->error, PERI_ERROR_NUMERIC,
                           "the forces of body %d are not finite: check its forces, its law and the time step",
                           (int)(((char *)b - w->bodies.data) / (ptrdiff_t)w->bodies.element));
+    peri__refresh_friction(&s);
     while (going && iterations < w->def.max_iterations) {
+        before = s.evaluations;
         going = peri__iterate(&s, tolerance, &length);
         iterations += going;
+        if (going && iterations > b->usual + 3) bad = peri__matrix_renew(&s, h, s.evaluations - before);
+        if (bad) return bad;
     }
+    if (!b->stale) b->usual = iterations;
     residual = sqrt(peri_dot(&w->def.parallel, s.n, s.g, s.g) / b->count);
     if (iterations > w->stats.iterations) w->stats.iterations = iterations;
     if (s.evaluations > w->stats.evaluations) w->stats.evaluations = s.evaluations;
@@ -3675,7 +3792,8 @@ static void peri__keep_momenta(peri_world *w, peri__body *b, const double p_due[
 static peri_result peri__step_begin(peri_world *w, double dt) {
     peri_result bad = PERI_OK;
     peri__contact *swap = w->contacts;
-    int k, size = w->contact_capacity, before = 0;
+    double h;
+    int k, size = w->contact_capacity, before = 0, contacts;
     w->contacts = w->contacts_before;
     w->contact_capacity = w->contact_before_capacity;
     w->contacts_before = swap;
@@ -3691,8 +3809,11 @@ static peri_result peri__step_begin(peri_world *w, double dt) {
         if (!b) continue;
         peri__predict(w, b, dt);
         bad = peri__health_check(w, b);
-        if (!bad) bad = peri__matrix_prepare(w, b, peri__scheme_of(w, b, dt).beta * dt);
-        if (!bad && w->colliders.count) bad = peri__contacts_find(w, k, &before);
+        h = peri__scheme_of(w, b, dt).beta * dt;
+        contacts = w->contact_count;
+        if (!bad && w->colliders.count) bad = peri__contacts_find(w, k, h, &before);
+        if (!bad) peri__contacts_retreat(w, k, contacts);
+        if (!bad) bad = peri__matrix_prepare(w, b, contacts, h);
     }
     return bad;
 }

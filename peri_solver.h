@@ -217,6 +217,9 @@ PERI_DEF void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x,
 PERI_DEF size_t peri_cholesky_entries(const peri_cholesky *f);
 PERI_DEF size_t peri_cholesky_bytes(const peri_cholesky *f);
 
+/* Multiplications and additions of one factorisation, counted from the pattern. */
+PERI_DEF double peri_cholesky_operations(const peri_cholesky *f);
+
 /* Frees; NULL is fine. */
 PERI_DEF void peri_cholesky_destroy(peri_cholesky *f);
 
@@ -1355,6 +1358,16 @@ void peri_cholesky_destroy(peri_cholesky *f) {
 
 size_t peri_cholesky_entries(const peri_cholesky *f) { return f ? f->entries : 0; }
 
+double peri_cholesky_operations(const peri_cholesky *f) {
+    double sum = 0;
+    int j;
+    for (j = 0; f && j < f->n; j++) {
+        double length = (double)(f->start[j + 1] - f->start[j]);
+        sum += length * length;
+    }
+    return sum;
+}
+
 size_t peri_cholesky_bytes(const peri_cholesky *f) {
     return f ? sizeof *f + f->bytes_column + f->bytes_rows + f->bytes_value : 0;
 }
@@ -1435,6 +1448,7 @@ static int peri__finish(peri_cholesky *f, int j, int s, int r) {
     return 1;
 }
 
+/* What a failed attempt left in `work` does no harm: the first column with row i has it from A, which overwrites. */
 static int peri__factor_column(peri_cholesky *f, const peri_matrix *a, int j, int s) {
     int row = f->order[j], e, k, next;
     for (e = a->row[row]; e < a->row[row + 1]; e++) {
@@ -1462,7 +1476,6 @@ peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_er
     if (f->n > 0 && (!a->diagonal || (!a->value && a->row[a->n] > 0)))
         return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: the matrix has no %s",
                           a->diagonal ? "value" : "diagonal");
-    for (j = 0; j < f->n; j++) f->work[j] = 0;
     for (j = 0; j < f->n; j++) f->head[j] = -1;
     for (s = 0; s < f->supers; s++) {
         for (j = f->first[s]; j < f->first[s + 1]; j++)
@@ -1636,7 +1649,7 @@ void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors) {
 void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y) {
     double sy = peri_dot(par, l->n, s, y), ss = peri_dot(par, l->n, s, s), yy = peri_dot(par, l->n, y, y);
     ptrdiff_t at = (ptrdiff_t)l->head * l->n;
-    if (l->m == 0 || !(sy > 1e-8 * sqrt(ss) * sqrt(yy)) || !peri__finite(yy) || !peri__finite(1 / sy)) return;
+    if (l->m == 0 || !(sy > 1e-8 * sqrt(ss) * sqrt(yy)) || !peri__finite(1 / sy)) return;
     memcpy(l->s + at, s, (size_t)l->n * sizeof *s);
     memcpy(l->y + at, y, (size_t)l->n * sizeof *y);
     l->rho[l->head] = 1 / sy;

@@ -80,6 +80,8 @@ typedef struct studio_memory {
     int written_count;
     double progress_start, progress_last;
     int progress_step;
+    int mute;          /* 1: studio_error keeps its message, prints nothing (for tests) */
+    char message[2000]; /* the last error */
 } studio_memory;
 
 STUDIO_API studio_memory *studio_state(void) {
@@ -89,13 +91,14 @@ STUDIO_API studio_memory *studio_state(void) {
 
 /* Prints "studio: ..." and a newline on stderr; returns -1 so that callers can return it. */
 STUDIO_API STUDIO_PRINTF(1, 2) int studio_error(const char *format, ...) {
+    studio_memory *s = studio_state();
     va_list args;
     va_start(args, format);
-    fflush(stdout);
-    fputs("studio: ", stderr);
-    vfprintf(stderr, format, args);
-    fputc('\n', stderr);
+    vsnprintf(s->message, sizeof s->message, format, args);
     va_end(args);
+    if (s->mute) return -1;
+    fflush(stdout);
+    fprintf(stderr, "studio: %s\n", s->message);
     return -1;
 }
 
@@ -123,7 +126,8 @@ STUDIO_API int studio_reserve(void *slot, size_t *cap, size_t need, size_t item)
     return 0;
 }
 
-STUDIO_API float studio_clamp(float x, float lo, float hi) { return x < lo ? lo : x > hi ? hi : x; }
+/* x held to lo..hi; lo when x is not a number. */
+STUDIO_API float studio_clamp(float x, float lo, float hi) { return x > lo ? (x < hi ? x : hi) : lo; }
 
 /* 0 below a, 1 above b, a smooth cubic in between. */
 STUDIO_API float studio_smooth(float a, float b, float x) {
@@ -426,9 +430,10 @@ STUDIO_API int studio_take(const studio_app *app, int argc, char **argv, int *i,
  * (0 after --help, 2 after a wrong option or when the output folder cannot be made). */
 STUDIO_API int studio_begin(const studio_app *app, int argc, char **argv, studio_options *o) {
     studio_memory *s = studio_state();
-    int i, bad = 0;
+    int i, bad = 0, mute = s->mute;
     memset(o, 0, sizeof *o);
     memset(s, 0, sizeof *s);
+    s->mute = mute;
     s->argc = argc;
     s->argv = argv;
     s->extra = app->extra;
@@ -458,7 +463,8 @@ STUDIO_API const char *studio_extra(const char *option) {
     for (i = 1; i < s->argc; ++i) {
         size_t length = strcspn(s->argv[i], "=");
         const char *word = s->argv[i];
-        int own = studio_kind(s->extra, word, length), kind = own ? own : studio_kind(studio_standard(), word, length);
+        int own = studio_kind(s->extra, word, length);
+        int kind = own ? own : studio_kind(studio_standard(), word, length);
         int mine = length == n && strncmp(word, option, n) == 0;
         if (word[0] != '-') continue;
         if (kind == 2 && word[length] == 0 && i + 1 < s->argc) word = s->argv[++i];
@@ -537,12 +543,14 @@ STUDIO_API void studio_progress(const studio_options *o, int done, int total, co
 STUDIO_API int studio_check(const char *name, double value, const char *unit, double lo, double hi) {
     studio_memory *s = studio_state();
     int ok = value >= lo && value <= hi && fabs(value) <= DBL_MAX;
-    char range[80];
+    char range[80], shown[40];
+    if (value != value) snprintf(shown, sizeof shown, "nan");
+    else snprintf(shown, sizeof shown, "%.6g", value);
     if (lo < -DBL_MAX && hi > DBL_MAX) snprintf(range, sizeof range, "finite");
     else if (lo < -DBL_MAX) snprintf(range, sizeof range, "< %.6g", hi);
     else if (hi > DBL_MAX) snprintf(range, sizeof range, "> %.6g", lo);
     else snprintf(range, sizeof range, "%.6g .. %.6g", lo, hi);
-    printf("%s = %.6g%s%s (%s) %s\n", name, value, unit && unit[0] ? " " : "", unit ? unit : "", range,
+    printf("%s = %s%s%s (%s) %s\n", name, shown, unit && unit[0] ? " " : "", unit ? unit : "", range,
            ok ? "ok" : "FAIL");
     fflush(stdout);
     ++s->checks;
@@ -748,7 +756,7 @@ STUDIO_API int studio_ply_type(const char *name) {
     return 0;
 }
 
-/* Reads the next number; non-zero at the end of the data or when it is not a number. */
+/* Reads the next number; 1 at the end of the data or when it is not a number. */
 STUDIO_API int studio_ply_number(studio_ply *p, int type, double *out) {
     static const int sizes[] = {0, 1, 1, 2, 2, 4, 4, 4, 8};
     uint64_t bits = 0;
@@ -756,11 +764,11 @@ STUDIO_API int studio_ply_number(studio_ply *p, int type, double *out) {
     if (p->ascii) {
         char *end;
         *out = strtod(p->at, &end);
-        if (end == p->at || end > p->end) return -1;
+        if (end == p->at || end > p->end) return 1;
         p->at = end;
         return 0;
     }
-    if (p->end - p->at < sizes[type]) return -1;
+    if (p->end - p->at < sizes[type]) return 1;
     for (i = 0; i < sizes[type]; ++i) bits |= (uint64_t)(unsigned char)p->at[i] << (8 * i);
     p->at += sizes[type];
     if (type == STUDIO_F32) {
@@ -830,14 +838,15 @@ STUDIO_API int studio_ply_header(studio_builder *b, studio_ply *p) {
     return 0;
 }
 
-/* One list property: skipped, or for the corners of a face turned into triangles. */
+/* One list property: skipped, or for the corners of a face turned into triangles.  Returns 0, 1 for damaged
+ * data or -1 when the error is printed already. */
 STUDIO_API int studio_ply_list(studio_builder *b, studio_ply *p, const studio_property *q) {
     double count, x;
     int first = 0, last = 0;
     long i;
-    if (studio_ply_number(p, q->count_type, &count) || !(count >= 0.0 && count <= 1e6)) return -1;
+    if (studio_ply_number(p, q->count_type, &count) || !(count >= 0.0 && count <= 1e6)) return 1;
     for (i = 0; i < (long)count; ++i) {
-        if (studio_ply_number(p, q->type, &x)) return -1;
+        if (studio_ply_number(p, q->type, &x)) return 1;
         if (q->role != 6) continue;
         if (!(x >= 0.0 && x < (double)b->vertices)) {
             return studio_error("%s: face corner %.0f is out of range; there are %lu vertices", b->path, x,
@@ -850,31 +859,35 @@ STUDIO_API int studio_ply_list(studio_builder *b, studio_ply *p, const studio_pr
     return 0;
 }
 
-/* All rows of one element. */
+/* All rows of one element; returns as studio_ply_list does and leaves the row number in b->line. */
 STUDIO_API int studio_ply_rows(studio_builder *b, studio_ply *p, const studio_element *e) {
     unsigned long i;
     int k, seen = 0;
+    b->line = 1;
     for (k = 0; k < e->properties; ++k)
         if (e->property[k].role >= 0) seen |= 1 << e->property[k].role;
-    if (e->count > 0 && e->properties == 0) return -1;
+    if (e->count > 0 && e->properties == 0) return 1;
+    if (e->kind == 'v' && b->vertices > 0) return studio_error("%s: more than one vertex element", b->path);
     if (e->kind == 'v' && (seen & 7) != 7) return studio_error("%s: vertices need x, y and z", b->path);
-    for (i = 0; i < e->count; ++i) {
+    for (i = 0; i < e->count; ++i, ++b->line) {
         float p6[6] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 1.0f};
         for (k = 0; k < e->properties; ++k) {
             const studio_property *q = e->property + k;
             double x;
             if (q->count_type) {
-                if (studio_ply_list(b, p, q)) return -1;
+                int bad = studio_ply_list(b, p, q);
+                if (bad) return bad;
                 continue;
             }
-            if (studio_ply_number(p, q->type, &x)) return -1;
+            if (studio_ply_number(p, q->type, &x)) return 1;
             if (q->role < 0) continue;
-            if (!(fabs(x) < 1e30)) return -1;
+            if (!(fabs(x) < 1e30)) return 1;
             p6[q->role] = (float)x;
         }
         if (e->kind != 'v') continue;
         if (studio_add_vertex(b, p6)) return -1;
         if ((seen & 56) != 56) continue;
+        studio_unit(p6 + 3);
         if (studio_reserve(&b->n, &b->ncap, 3 * b->vertices, sizeof(float))) return -1;
         memcpy(b->n + 3 * (b->vertices - 1), p6 + 3, 3 * sizeof(float));
     }
@@ -888,27 +901,27 @@ STUDIO_API int studio_ply_read(studio_builder *b, const char *text, size_t size)
     p.at = text;
     p.end = text + size;
     if (studio_ply_header(b, &p)) return -1;
-    for (i = 0; i < p.elements; ++i)
-        if (studio_ply_rows(b, &p, p.element + i))
-            return studio_error("%s: the data of element %d is damaged or cut short", b->path, i + 1);
+    for (i = 0; i < p.elements; ++i) {
+        int bad = studio_ply_rows(b, &p, p.element + i);
+        if (bad > 0)
+            studio_error("%s: row %ld of element %d is damaged or cut short", b->path, b->line, i + 1);
+        if (bad) return -1;
+    }
     return 0;
 }
 
-/* Reads an OBJ or PLY file (ascii or binary little endian; recognised by its first bytes).  Polygons
- * become triangles; vertex normals are taken from a PLY that has them, else computed.  Vertices without
- * faces are accepted (a PLY of points).  On failure prints why, returns non-zero and leaves *m empty. */
-STUDIO_API int studio_mesh_load(const char *path, studio_mesh *m) {
-    studio_bytes file;
+/* Makes a mesh of the bytes of an OBJ or PLY file, and frees them; `path` is for messages. */
+STUDIO_API int studio_mesh_parse(const char *path, studio_bytes *file, studio_mesh *m) {
     studio_builder b;
     int bad;
     memset(m, 0, sizeof *m);
     memset(&b, 0, sizeof b);
     b.path = path;
-    if (studio_read(path, &file)) return -1;
-    if (file.size >= 4 && memcmp(file.data, "ply", 3) == 0)
-        bad = studio_ply_read(&b, (const char *)file.data, file.size);
-    else bad = studio_obj(&b, (char *)file.data, file.size);
-    free(file.data);
+    if (file->size >= 4 && memcmp(file->data, "ply", 3) == 0)
+        bad = studio_ply_read(&b, (const char *)file->data, file->size);
+    else bad = studio_obj(&b, (char *)file->data, file->size);
+    free(file->data);
+    memset(file, 0, sizeof *file);
     if (!bad && b.vertices == 0) bad = studio_error("%s: no vertices; is it an OBJ or PLY file?", path);
     m->v = b.v;
     m->n = b.n;
@@ -918,6 +931,15 @@ STUDIO_API int studio_mesh_load(const char *path, studio_mesh *m) {
     if (!bad && !m->n) bad = studio_mesh_normals(m);
     if (bad) studio_mesh_free(m);
     return bad ? -1 : 0;
+}
+
+/* Reads an OBJ or PLY file (ascii or binary little endian; recognised by its first bytes).  Polygons
+ * become triangles; vertex normals are taken from a PLY that has them, else computed.  Vertices without
+ * faces are accepted (a PLY of points).  On failure prints why, returns non-zero and leaves *m empty. */
+STUDIO_API int studio_mesh_load(const char *path, studio_mesh *m) {
+    studio_bytes file;
+    memset(m, 0, sizeof *m);
+    return studio_read(path, &file) ? -1 : studio_mesh_parse(path, &file, m);
 }
 
 /* ========================================================= 6  Data output ======================= */
@@ -1098,7 +1120,7 @@ STUDIO_API void studio_pen_paint(studio_image *im, studio_pen *pen, float width,
     cover = span ? (float *)studio_alloc(span * (size_t)(all[3] - all[1]), sizeof(float)) : NULL;
     for (i = 0; i < pen->count && cover; ++i) {
         const float *p = pen->piece + 4 * i;
-        float radius = p[0] == p[2] && p[1] == p[3] ? 1.35f * r : r;
+        float radius = p[0] == p[2] && p[1] == p[3] ? 1.5f * r : r;
         if (!studio_touched(p, radius, inside, box)) continue;
         for (y = box[1]; y < box[3]; ++y)
             for (x = box[0]; x < box[2]; ++x) {
@@ -1153,8 +1175,8 @@ STUDIO_API const char *studio_glyph(int c) {
 /* The width of a text in pixels; `size` is the height of a capital letter. */
 STUDIO_API float studio_text_width(const char *text, float size) {
     float units = 0.0f;
-    for (; *text; ++text) units += (float)(studio_glyph((unsigned char)*text)[0] - '0') + 2.6f;
-    return units > 0.0f ? (units - 2.6f) * 0.1f * size : 0.0f;
+    for (; *text; ++text) units += (float)(studio_glyph((unsigned char)*text)[0] - '0') + 2.75f;
+    return units > 0.0f ? (units - 2.75f) * 0.1f * size : 0.0f;
 }
 
 /* A curve of eight pieces from a, with control b, to c. */
@@ -1173,7 +1195,8 @@ STUDIO_API void studio_pen_curve(studio_pen *pen, const float *a, const float *b
 
 /* Adds one stroke of a glyph; returns the text after it.  (ox, oy) is the left end of the base line, `scale`
  * pixels per unit, turned by a quarter when `upward`. */
-STUDIO_API const char *studio_pen_stroke(studio_pen *pen, const char *s, float ox, float oy, float scale, int upward) {
+STUDIO_API const char *studio_pen_stroke(studio_pen *pen, const char *s, float ox, float oy, float scale,
+                                         int upward) {
     float at[2] = {0.0f, 0.0f}, control[2] = {0.0f, 0.0f}, point[2], middle[2];
     int first = 1, bent = 0;
     for (; *s && *s != ' '; s += 2) {
@@ -1210,7 +1233,7 @@ STUDIO_API void studio_text_at(studio_image *im, float x, float y, float size, c
     else x -= shift;
     for (; *text; ++text) {
         const char *g = studio_glyph((unsigned char)*text), *s = g[1] ? g + 2 : g + 1;
-        float step = ((float)(g[0] - '0') + 2.6f) * scale;
+        float step = ((float)(g[0] - '0') + 2.75f) * scale;
         while (*s) s = studio_pen_stroke(&pen, s, x, y, scale, upward);
         if (upward) y -= step;
         else x += step;
@@ -1226,8 +1249,9 @@ STUDIO_API void studio_text(studio_image *im, float x, float y, float size, cons
 /* The colour for t in 0..1: dark violet, blue, green, yellow, steadily lighter. */
 STUDIO_API void studio_colormap(float t, float rgb[3]) {
     static const float table[9][3] = {
-        {0.23f, 0.09f, 0.36f}, {0.25f, 0.22f, 0.51f}, {0.22f, 0.34f, 0.57f}, {0.17f, 0.46f, 0.59f}, {0.15f, 0.57f, 0.57f},
-        {0.25f, 0.68f, 0.50f}, {0.48f, 0.78f, 0.39f}, {0.75f, 0.85f, 0.29f}, {0.98f, 0.90f, 0.33f}};
+        {0.23f, 0.09f, 0.36f}, {0.25f, 0.22f, 0.51f}, {0.22f, 0.34f, 0.57f}, {0.17f, 0.46f, 0.59f},
+        {0.15f, 0.57f, 0.57f}, {0.25f, 0.68f, 0.50f}, {0.48f, 0.78f, 0.39f}, {0.75f, 0.85f, 0.29f},
+        {0.98f, 0.90f, 0.33f}};
     float s = 8.0f * (t > 0.0f ? t < 1.0f ? t : 1.0f : 0.0f), f;
     int i = s < 7.0f ? (int)s : 7, k;
     f = s - (float)i;
@@ -1247,8 +1271,8 @@ STUDIO_API double studio_step(double range, int parts) {
 STUDIO_API void studio_tick(double value, double step, char *out, size_t room) {
     int digits = (int)ceil(-log10(step) - 1e-9);
     double big = fabs(value);
-    if (big < 1e-9 * step) value = 0.0;
-    if (big >= 1e6 || (step < 9.9e-5 && big > 0.0)) snprintf(out, room, "%.3g", value);
+    if (big < 1e-6 * step) snprintf(out, room, "0");
+    else if (big >= 1e6 || step < 9.9e-5) snprintf(out, room, "%.4g", value);
     else snprintf(out, room, "%.*f", digits > 0 ? digits : 0, value);
 }
 
@@ -1257,7 +1281,7 @@ STUDIO_API void studio_tick(double value, double step, char *out, size_t room) {
 STUDIO_API void studio_colorbar(studio_image *im, int x, int y, int w, int h, double lo, double hi,
                                 const char *title) {
     static const float ink[3] = {0.16f, 0.18f, 0.22f};
-    float rgb[3], size = studio_clamp((float)h / 22.0f, 7.0f, 14.0f);
+    float rgb[3], right, size = studio_clamp((float)h / 22.0f, 7.0f, 14.0f);
     double step = studio_step(hi - lo, (int)((float)h / (3.2f * size))), v;
     char label[64];
     int j;
@@ -1265,6 +1289,7 @@ STUDIO_API void studio_colorbar(studio_image *im, int x, int y, int w, int h, do
         studio_colormap(1.0f - ((float)j + 0.5f) / (float)h, rgb);
         studio_rectangle(im, x, y + j, w, 1, rgb, 1.0f);
     }
+    if (!(hi - lo > 1e-9 * (fabs(lo) + fabs(hi))) || hi - lo > 1e300) hi = lo; /* no numbers */
     for (v = ceil(lo / step - 1e-6) * step; v <= hi + 1e-6 * step; v += step) {
         float ty = (float)y + (float)h * (float)((hi - v) / (hi - lo));
         if (!(hi > lo)) break;
@@ -1272,7 +1297,9 @@ STUDIO_API void studio_colorbar(studio_image *im, int x, int y, int w, int h, do
         studio_tick(v, step, label, sizeof label);
         studio_text(im, (float)(x + w) + 0.8f * size, ty + 0.5f * size, size, ink, label);
     }
-    if (title) studio_text(im, (float)x, (float)y - 0.9f * size, size, ink, title);
+    if (!title) return;
+    right = (float)im->width - 0.5f * size - studio_text_width(title, size); /* stay inside the picture */
+    studio_text(im, fmaxf(fminf((float)x, right), 0.5f * size), (float)y - 0.9f * size, size, ink, title);
 }
 
 /* ================================================================= 8  PNG ======================= */
@@ -1675,7 +1702,8 @@ STUDIO_API void studio_palette_settle(unsigned char *palette, const studio_swatc
         s[3] += cell[i].weight;
     }
     for (i = 0; i < STUDIO_COLORS; ++i)
-        for (k = 0; k < 3 && sum[i][3] > 0.0f; ++k) palette[3 * i + k] = (unsigned char)(sum[i][k] / sum[i][3] + 0.5f);
+        for (k = 0; k < 3 && sum[i][3] > 0.0f; ++k)
+            palette[3 * i + k] = (unsigned char)(sum[i][k] / sum[i][3] + 0.5f);
 }
 
 /* Chooses 255 colours for an image: boxes of colours are halved where they spread most, then settled. */
@@ -1790,8 +1818,9 @@ STUDIO_API size_t studio_gif_change(studio_gif *g, const studio_image *im, int b
             unsigned char *old = g->shown + 3 * i;
             int shift = (bayer[(y & 7) * 8 + (x & 7)] * 2 - 63) * 5 / 63;
             g->index[i] = 255;
-            if (g->frames > 0 && abs(p[0] - old[0]) <= slack && abs(p[1] - old[1]) <= slack && abs(p[2] - old[2]) <= slack)
-                continue;
+            for (k = 0; k < 3; ++k)
+                if (abs(p[k] - old[k]) > slack) break;
+            if (g->frames > 0 && k == 3) continue;
             for (k = 0; k < 3; ++k) {
                 c[k] = p[k] + shift;
                 c[k] = c[k] < 0 ? 0 : c[k] > 255 ? 255 : c[k];
@@ -1881,7 +1910,8 @@ STUDIO_API int studio_gif_frame(studio_gif *g, const studio_image *im) {
     int box[4], fresh;
     if (!g || g->failed) return -1;
     if (im->width != g->width || im->height != g->height)
-        return studio_error("%s: the frame is %d x %d, not %d x %d", g->path, im->width, im->height, g->width, g->height);
+        return studio_error("%s: the frame is %d x %d, not %d x %d", g->path, im->width, im->height,
+                            g->width, g->height);
     memset(&b, 0, sizeof b);
     fresh = studio_gif_refit(g, im);
     if (fresh < 0) return g->failed = -1;
@@ -2001,7 +2031,7 @@ STUDIO_API void studio_linear(const float *rgb, float *out) {
 STUDIO_API void studio_scene_begin(studio_scene *s) {
     studio_look *l = &s->look;
     memset(s, 0, sizeof *s);
-    studio_set(l->light, -0.45f, -0.65f, 0.95f);
+    studio_set(l->light, -0.75f, -0.45f, 1.0f);
     studio_set(l->key, 1.12f, 1.02f, 0.88f);
     studio_set(l->sky, 0.46f, 0.51f, 0.60f);
     studio_set(l->earth, 0.27f, 0.24f, 0.22f);
@@ -2067,7 +2097,8 @@ STUDIO_API int studio_scene_ball(studio_scene *s, const float p[3], float radius
 }
 
 /* Adds an unshaded line, its width in pixels of the final image; it casts no shadow. */
-STUDIO_API int studio_scene_line(studio_scene *s, const float a[3], const float b[3], float width, const float rgb[3]) {
+STUDIO_API int studio_scene_line(studio_scene *s, const float a[3], const float b[3], float width,
+                                 const float rgb[3]) {
     studio_segment *l;
     if (studio_reserve(&s->segment, &s->segment_cap, s->segments + 1, sizeof *s->segment)) return -1;
     l = s->segment + s->segments++;
@@ -2079,7 +2110,8 @@ STUDIO_API int studio_scene_line(studio_scene *s, const float a[3], const float 
 }
 
 /* Adds the twelve edges of a box. */
-STUDIO_API int studio_scene_box(studio_scene *s, const float lo[3], const float hi[3], float width, const float rgb[3]) {
+STUDIO_API int studio_scene_box(studio_scene *s, const float lo[3], const float hi[3], float width,
+                                const float rgb[3]) {
     int i, k, bad = 0;
     for (i = 0; i < 8; ++i)
         for (k = 0; k < 3; ++k) {
@@ -2131,10 +2163,8 @@ STUDIO_API void studio_fill(studio_buffer *b, const float *p, const float *q, co
             if (a > 1e-9f) left = fmaxf(left, -c / a);
             else if (a < -1e-9f) right = fminf(right, -c / a);
         }
-        x0 = (int)ceilf(left - 0.501f);
-        x1 = (int)floorf(right - 0.499f);
-        if (x0 < 0) x0 = 0;
-        if (x1 >= b->width) x1 = b->width - 1;
+        x0 = (int)ceilf(studio_clamp(left - 0.501f, 0.0f, (float)b->width));
+        x1 = (int)floorf(studio_clamp(right - 0.499f, -1.0f, (float)(b->width - 1)));
         key = b->key + (size_t)y * (size_t)b->width;
         k = p[2] + ky * (fy - p[1]) + kx * ((float)x0 + 0.5f - p[0]);
         for (x = x0; x <= x1; ++x, k += kx)
@@ -2154,8 +2184,8 @@ STUDIO_API void studio_to_view(const studio_scene *s, const float *p, float *o) 
 
 /* Camera coordinates to x, y in samples and key = 1 / depth. */
 STUDIO_API void studio_project(const studio_scene *s, const float *v, float *o) {
-    float k = 1.0f / v[2];
-    studio_set(o, 0.5f * (float)s->view.width + s->zoom * v[0] * k, 0.5f * (float)s->view.height + s->zoom * v[1] * k, k);
+    float k = 1.0f / v[2], zoom = s->zoom * k;
+    studio_set(o, 0.5f * (float)s->view.width + zoom * v[0], 0.5f * (float)s->view.height + zoom * v[1], k);
 }
 
 /* Draws a triangle, cut at the near plane, into the view. */
@@ -2252,7 +2282,8 @@ STUDIO_API void studio_to_map(const studio_scene *s, const float *p, const float
 }
 
 /* Draws everything that casts a shadow into a flat map seen from direction n, side `size`. */
-STUDIO_API int studio_map(studio_scene *s, studio_buffer *m, const float *a, const float *b, const float *n, int size) {
+STUDIO_API int studio_map(studio_scene *s, studio_buffer *m, const float *a, const float *b, const float *n,
+                          int size) {
     float scale = 0.5f * (float)size / s->radius, p[3][3];
     size_t i;
     int k, x, y;
@@ -2380,7 +2411,8 @@ STUDIO_API float studio_lit(const studio_scene *s, const float *p, const float *
 STUDIO_API void studio_shade(const studio_scene *s, const float *p, const float *n, const float *c, const float *d,
                              float *o) {
     const studio_look *l = &s->look;
-    float face = studio_dot(n, s->ln), upness = 0.5f + 0.5f * studio_dot(n, l->up), half[3], shine, edge, open = 1.0f;
+    float face = studio_dot(n, s->ln), upness = 0.5f + 0.5f * studio_dot(n, l->up);
+    float half[3], open = 1.0f, shine, fill, edge;
     float direct = face > -0.02f ? studio_clamp((face + 0.06f) / 1.06f, 0.0f, 1.0f) : 0.0f;
     int k;
     if (direct > 0.0f) direct *= studio_lit(s, p, n);
@@ -2395,11 +2427,12 @@ STUDIO_API void studio_shade(const studio_scene *s, const float *p, const float 
     shine *= shine;
     shine *= shine;
     shine = l->gloss * 0.35f * direct * shine * shine * shine;
+    fill = 0.20f * fmaxf(-studio_dot(n, d), 0.0f) * open; /* a weak lamp at the camera */
     edge = 1.0f - fmaxf(-studio_dot(n, d), 0.0f);
     edge = 0.16f * l->gloss * edge * edge * edge * open;
     for (k = 0; k < 3; ++k) {
         float ambient = (l->earth[k] + upness * (l->sky[k] - l->earth[k])) * open;
-        o[k] = c[k] * (0.92f * l->key[k] * direct + ambient) + shine * l->key[k] + edge * l->sky[k];
+        o[k] = c[k] * (0.92f * l->key[k] * direct + 0.85f * ambient + fill) + shine * l->key[k] + edge * l->sky[k];
     }
 }
 
@@ -2420,7 +2453,7 @@ STUDIO_API void studio_ground(const studio_scene *s, const float *d, float t, fl
     u = studio_dot(q, s->ga);
     v = studio_dot(q, s->gb);
     away = sqrtf(u * u + v * v) / s->radius;
-    fade = 1.0f - studio_smooth(1.3f, 5.0f, away);
+    fade = 1.0f - studio_smooth(1.2f, 4.2f, away);
     if (fade <= 0.0f) return;
     u = studio_dot(p, s->ga) / s->cell;
     v = studio_dot(p, s->gb) / s->cell;
@@ -2429,7 +2462,7 @@ STUDIO_API void studio_ground(const studio_scene *s, const float *d, float t, fl
     check = studio_wave(u, blur / sqrtf(steep)) * studio_wave(v, blur / sqrtf(steep));
     memcpy(base, s->paint, sizeof base);
     cover = studio_cover(s, p);
-    for (k = 0; k < 3; ++k) base[k] *= 0.97f + 0.035f * check;
+    for (k = 0; k < 3; ++k) base[k] *= 0.975f + 0.025f * check;
     away = studio_lit(s, p, l->up);
     for (k = 0; k < 3; ++k) {
         light[k] = (0.62f * l->key[k] * away + 0.72f * l->sky[k] * (1.0f - 0.75f * cover)) * (1.0f - 0.35f * cover);
@@ -2439,8 +2472,8 @@ STUDIO_API void studio_ground(const studio_scene *s, const float *d, float t, fl
 
 /* Where the ray along d (unit) meets triangle t: point p, normal n towards the viewer, colour c; returns the
  * distance.  Points just outside are pulled to the edge. */
-STUDIO_API float studio_hit_triangle(const studio_scene *s, const studio_triangle *t, const float *d, float *p, float *n,
-                                     float *c) {
+STUDIO_API float studio_hit_triangle(const studio_scene *s, const studio_triangle *t, const float *d, float *p,
+                                     float *n, float *c) {
     float e1[3], e2[3], o[3], g[3], x[3], slope, dist, u, v, w, sum;
     int k;
     studio_along(t->p + 3, -1.0f, t->p, e1);
@@ -2468,7 +2501,8 @@ STUDIO_API float studio_hit_triangle(const studio_scene *s, const studio_triangl
 }
 
 /* The same for a ball; a ray that just misses takes the nearest point of the rim. */
-STUDIO_API float studio_hit_ball(const studio_scene *s, const studio_ball *b, const float *d, float *p, float *n, float *c) {
+STUDIO_API float studio_hit_ball(const studio_scene *s, const studio_ball *b, const float *d, float *p, float *n,
+                                 float *c) {
     float o[3], h, dist;
     studio_along(b->p, -1.0f, s->eye, o);
     h = studio_dot(o, d);
@@ -2590,7 +2624,8 @@ STUDIO_API int studio_where(const studio_scene *s, const float p[3], float *x, f
 
 /* A camera that looks at `target` from `distance`, turned by `turn` degrees around z (0 looks along +y, 90 from
  * +x) and raised by `rise` degrees. */
-STUDIO_API void studio_orbit(studio_camera *c, const float target[3], float distance, float turn, float rise, float fov) {
+STUDIO_API void studio_orbit(studio_camera *c, const float target[3], float distance, float turn, float rise,
+                             float fov) {
     float a = turn * (float)(STUDIO_PI / 180.0), b = rise * (float)(STUDIO_PI / 180.0);
     memcpy(c->target, target, sizeof c->target);
     studio_set(c->up, 0.0f, 0.0f, 1.0f);
@@ -2677,7 +2712,8 @@ STUDIO_API double studio_tick_step(const studio_plot *p, int axis) {
 
 /* Sets the range of one axis from the data or the fixed limits, rounded to whole ticks. */
 STUDIO_API void studio_plot_range(studio_plot *p, int axis) {
-    double fixed_lo = axis ? p->y_lo : p->x_lo, fixed_hi = axis ? p->y_hi : p->x_hi, lo = HUGE_VAL, hi = -HUGE_VAL, step;
+    double fixed_lo = axis ? p->y_lo : p->x_lo, fixed_hi = axis ? p->y_hi : p->x_hi;
+    double lo = HUGE_VAL, hi = -HUGE_VAL, step;
     int i, logarithm = axis ? p->log_y : p->log_x;
     size_t k;
     for (i = 0; i < p->series_count; ++i)
@@ -2691,7 +2727,7 @@ STUDIO_API void studio_plot_range(studio_plot *p, int axis) {
         lo = studio_plot_value(p, axis, fixed_lo);
         hi = studio_plot_value(p, axis, fixed_hi);
     }
-    if (!(lo <= hi)) {
+    if (!(lo <= hi && fabs(lo) < 1e200 && fabs(hi) < 1e200)) {
         lo = 0.0;
         hi = 1.0;
     }
@@ -2763,7 +2799,8 @@ STUDIO_API void studio_pen_dash(studio_pen *pen, const float *a, const float *b,
     float dx = b[0] - a[0], dy = b[1] - a[1], length = sqrtf(dx * dx + dy * dy), at = 0.0f;
     if (!(length > 0.0f) || length > 1e5f) return;
     while (at < length) {
-        float in = fmodf(*phase, 2.0f * dash), step = fminf((in < dash ? dash : 2.0f * dash) - in + 1e-3f, length - at);
+        float in = fmodf(*phase, 2.0f * dash);
+        float step = fminf((in < dash ? dash : 2.0f * dash) - in + 1e-3f, length - at);
         if (in < dash)
             studio_pen_line(pen, a[0] + dx * at / length, a[1] + dy * at / length, a[0] + dx * (at + step) / length,
                             a[1] + dy * (at + step) / length);
@@ -2841,7 +2878,8 @@ STUDIO_API void studio_plot_legend(const studio_plot *p, studio_image *im) {
 
 /* Draws the chart over the whole image. */
 STUDIO_API void studio_plot_draw(studio_plot *p, studio_image *im) {
-    static const float ink[3] = {0.13f, 0.15f, 0.19f}, frame[3] = {0.45f, 0.48f, 0.53f}, inside[3] = {0.985f, 0.987f, 0.99f};
+    static const float ink[3] = {0.13f, 0.15f, 0.19f}, frame[3] = {0.45f, 0.48f, 0.53f};
+    static const float inside[3] = {0.985f, 0.987f, 0.99f};
     float e = p->size = studio_clamp((float)im->height / 48.0f, 6.5f, 24.0f), l, t, r, b;
     int i;
     studio_image_fill(im, 1.0f, 1.0f, 1.0f);

@@ -295,10 +295,13 @@ static void singular_values(void) {
         peri_svd3(f, u, sigma, v);
         NEAR(sigma[0] * (sigma[1] * 1e10) * (sigma[2] * 1e20), det, 30 * 60 * EPS * fabs(det));
     }
-    for (i = 0; i < 9; i++) f[i] = i == 4 ? peri__from_bits(PERI__NAN) : i;
-    peri_svd3(f, u, sigma, v);
-    CHECK(!peri__finite(sigma[0]));
-    check_rotation(u);
+    for (k = 0; k < 2; k++) {
+        for (i = 0; i < 9; i++) f[i] = i == 4 ? peri__from_bits(k ? PERI__NAN : PERI__INFINITY) : i;
+        peri_svd3(f, u, sigma, v);
+        CHECK(!peri__finite(sigma[0]) && !peri__finite(sigma[1]) && !peri__finite(sigma[2]));
+        check_rotation(u);
+        check_rotation(v);
+    }
 }
 
 static void polar(void) {
@@ -311,7 +314,7 @@ static void polar(void) {
         compose(q, d, q, s);
         peri_mul3(r, s, f);
         peri_polar3(f, got);
-        /* The rotation moves by at most 2 / (sigma2 + sigma3) <= 10 times the perturbation (Higham, 2008, chapter 8). */
+        /* The rotation moves by at most 2 / (sigma2 + sigma3) <= 10 times the perturbation (Higham 2008, ch. 8). */
         for (i = 0; i < 9; i++) NEAR(got[i], r[i], 10 * 100 * EPS);
         for (i = 0; i < 9; i++) f[i] = k == 0 ? 0 : k % 3 == 0 ? -f[i] : k % 3 == 1 ? spread() : i < 3 ? 0 : f[i];
         peri_polar3(f, got);
@@ -1166,7 +1169,15 @@ static void lbfgs_refuses(void) {
     peri_lbfgs_push(&l, NULL, s, y);
     y[0] = y[1] = y[2] = 0;
     peri_lbfgs_push(&l, NULL, s, y);
+#ifdef PERI_DOUBLE
+    s[2] = y[2] = 1e-155; /* 1 / s.y overflows */
+    s[0] = s[1] = 0;
+    peri_lbfgs_push(&l, NULL, s, y);
+#endif
     CHECK(l.used == 0);
+    s[0] = 1;
+    s[1] = 2;
+    s[2] = 3;
     y[2] = 1;
     peri_lbfgs_push(&l, NULL, s, y);
     CHECK(l.used == 1);

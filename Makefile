@@ -1,0 +1,96 @@
+# peri - header-only, so there is nothing to build but examples and tests. Everything lands in build/.
+#
+#   make            builds the examples: build/examples/NAME
+#   make run        builds and runs the first example; pictures in build/out/drop/   (RUN=NAME: another)
+#   make test       runs tests and examples in about a minute or two; the last line is "N passed, N failed"
+#   make gallery    runs every example; pictures in build/out/NAME/
+#   make bench      measures; tables in build/bench/NAME.csv   (BENCH=NAME: one; SIZE=quick|full)
+#   make charts     draws the tables that are there with gnuplot: build/bench/NAME.png
+#   make matrix     compiles the headers in every way that is promised
+#   make clean      removes build/
+#
+# CC and CFLAGS are yours: make test CC=clang CFLAGS="-O3 -march=native" -j2. After a change of them: make clean.
+# Add -fopenmp to CFLAGS for threads. `make run` and `make test` need make and a C compiler, nothing else.
+
+CFLAGS = -O2
+BUILD = build
+RUN = drop
+BENCH = $(notdir $(basename $(wildcard tests/bench/*.c)))
+SIZE = quick
+
+COMPILE = $(CC) -std=c99 -Wall -Wextra -pedantic $(CFLAGS)
+HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h)
+EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
+TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
+# tests that say the same, or nothing, when peri_real is double
+FLOAT_ONLY = test_golden
+# one log per thing that `make test` runs: a test, a test in double, an example
+LOGS = $(TESTS:%=$(BUILD)/log/%) $(patsubst %,$(BUILD)/log/%.double,$(filter-out $(FLOAT_ONLY),$(TESTS))) \
+       $(EXAMPLES:%=$(BUILD)/log/example.%)
+
+.DELETE_ON_ERROR:
+.SECONDARY:
+.PHONY: all run test gallery bench charts matrix clean help FORCE
+
+all: $(EXAMPLES:%=$(BUILD)/examples/%)
+	@echo "the examples are in $(BUILD)/examples/; make help says what else there is"
+
+run: $(BUILD)/examples/$(RUN)
+	$(BUILD)/examples/$(RUN)
+
+# -k and the second make: a test that does not compile is counted as failed, and the others still run.
+test:
+	@rm -rf $(BUILD)/log
+	@$(MAKE) -k --no-print-directory $(LOGS) || true
+	@sh tests/run.sh sum $(LOGS)
+
+gallery: $(EXAMPLES:%=gallery-%)
+gallery-%: $(BUILD)/examples/% FORCE
+	$< --quiet
+
+bench: $(BENCH:%=$(BUILD)/bench/%.csv)
+
+charts:
+	@sh tests/run.sh charts $(BUILD)/bench
+
+matrix:
+	@CFLAGS= sh tests/matrix.sh $(BUILD)/matrix
+
+clean:
+	rm -rf $(BUILD)
+
+help:
+	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
+
+# Programs. The old one goes first, so that none is run in place of one that does not compile.
+
+$(BUILD)/examples/%: examples/%.c $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@
+	$(COMPILE) -o $@ $< -lm
+
+$(BUILD)/tests/%: tests/%.c $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@
+	$(COMPILE) -o $@ $(filter %.c,$^) -lm
+
+$(BUILD)/tests/%.double: tests/%.c $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@
+	$(COMPILE) -DPERI_DOUBLE -o $@ $(filter %.c,$^) -lm
+
+$(BUILD)/tests/test_headers $(BUILD)/tests/test_headers.double: tests/unit2.c
+
+$(BUILD)/bench/%: tests/bench/%.c $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@
+	$(COMPILE) -o $@ $< -lm
+
+# A benchmark is given SIZE and writes its table to the standard output.
+$(BUILD)/bench/%.csv: $(BUILD)/bench/% FORCE
+	$< $(SIZE) > $@.part
+	@mv $@.part $@ && cat $@
+
+# Runs. They end well whatever the program says: the sum is made of the logs.
+
+$(BUILD)/log/example.%: $(BUILD)/examples/%
+	@sh tests/run.sh example $@ $< --check --quiet
+
+$(BUILD)/log/%: $(BUILD)/tests/%
+	@sh tests/run.sh test $@ $<
