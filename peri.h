@@ -1648,10 +1648,10 @@ static void peri__skin_search(const peri__skin_grid *g, const peri_real *x, doub
 }
 
 /* The radius at which weights vanish, in spacings. Not beyond the first particle that is left out, so that weights
-   change smoothly from vertex to vertex; not 1.5 spacings beyond the nearest particle, so that a vertex follows its own
+   change smoothly from vertex to vertex; not a spacing beyond the nearest particle, so that a vertex follows its own
    limb and not the one opposite; but enough for four particles, if there are. */
 static double peri__skin_radius(const peri__skin_list *l) {
-    double radius = l->r[0] + 1.5, four = 1.2 * l->r[l->n > 4 ? 3 : l->n - 1];
+    double radius = l->r[0] + 1, four = 1.05 * l->r[l->n > 4 ? 3 : l->n - 1];
     if (l->n > PERI__SKIN_NEAR && l->r[PERI__SKIN_NEAR] < radius) radius = l->r[PERI__SKIN_NEAR];
     return radius > four ? radius : four;
 }
@@ -2251,7 +2251,7 @@ static double peri__kernel(const peri_body_def *d, double r, double delta) {
 static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
     size_t r = sizeof(peri_real), n = (size_t)b->count, m = (size_t)bonds, at = 0;
     int c;
-#define PERI__PART(field, type, bytes) (b->field = (type *)(void *)(base + at), at += peri__round_up(bytes))
+#define PERI__PART(field, type, bytes) (b->field = base ? (type *)(void *)(base + at) : NULL, at += peri__round_up(bytes))
     PERI__PART(row, int, (n + 1) * sizeof(int));
     PERI__PART(col, int, m * sizeof(int));
     for (c = 0; c < 3; c++) PERI__PART(xi[c], peri_real, m * r);
@@ -3505,7 +3505,8 @@ static double peri__largest(const peri_real *p, int n) {
    was gone, 0 when no share would do. */
 static double peri__search(peri__solve *s) {
     const peri_parallel *par = &s->w->def.parallel;
-    double slope = peri_dot(par, s->n, s->g, s->p), alpha = 1, slope1, shrink, noise = PERI__NOISE * fabs(s->energy);
+    double slope = peri_dot(par, s->n, s->g, s->p), alpha = 1, slope1, shrink;
+    double noise = (s->b->matter.m.model == PERI_MODEL_PROJECTIVE ? 0.01 : PERI__NOISE) * fabs(s->energy);
     int tries, k;
     memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
     for (tries = 0; tries < 14; tries++) {
@@ -3586,6 +3587,27 @@ static peri_result peri__matrix_renew(peri__solve *s, double h, int evaluations)
     return b->wasted < peri__factor_cost(b) ? PERI_OK : peri__matrix_make(s->w, b, s->contact_begin, 0, h);
 }
 
+/* The guess extrapolates the motion; where particles are held and the step is long that may be absurd. Then the
+   positions before the step are tried too, and the better start is kept. Returns 0 when neither is finite. */
+static int peri__start(peri__solve *s) {
+    const double *x0 = s->w->x0 + 3 * (size_t)s->b->first;
+    double reach = 0;
+    int k, finite = peri__evaluate(s, s->g, &s->energy);
+    for (k = 0; k < s->n; k++)
+        if (fabs(s->x[k] - x0[k]) > reach) reach = fabs(s->x[k] - x0[k]);
+    if (finite && (!s->b->fixed || reach < s->b->spacing)) return 1;
+    memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
+    for (k = 0; k < s->n; k++)
+        if (!(s->w->flags[s->b->first + k / 3] & PERI__FIXED)) s->x[k] = x0[k];
+    if (peri__evaluate(s, s->g1, &s->energy1) && (!finite || s->energy1 < s->energy)) {
+        memcpy(s->g, s->g1, (size_t)s->n * sizeof *s->g);
+        s->energy = s->energy1;
+        return 1;
+    }
+    memcpy(s->x, s->base, (size_t)s->n * sizeof *s->x);
+    return finite && peri__evaluate(s, s->g, &s->energy);
+}
+
 /* Solves body b; x holds the first guess and then the answer. */
 static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_begin, double h) {
     peri__solve s;
@@ -3595,7 +3617,7 @@ static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_be
     peri__solve_begin(&s, w, b, 1 / (h * h));
     s.contact_begin = contact_begin;
     s.contact_end = w->contact_count;
-    if (!peri__evaluate(&s, s.g, &s.energy))
+    if (!peri__start(&s))
         return peri__fail(&w->error, PERI_ERROR_NUMERIC,
                           "the forces of body %d are not finite: check its forces, its law and the time step",
                           (int)(((char *)b - w->bodies.data) / (ptrdiff_t)w->bodies.element));

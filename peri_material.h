@@ -307,7 +307,7 @@ static peri_material peri__material(peri_model model, peri_real young, peri_real
     m.g.b[0] = m.h.b[0] = 1;
     m.strength[0] = m.strength[1] = m.strength[2] = 1;
     m.direction[0] = m.direction[4] = m.direction[8] = 1;
-    m.stabiliser = PERI__R(2);
+    m.stabiliser = PERI__R(2.25);
     m.healthy_min = PERI__R(0.3);
     m.healthy_max = PERI__R(2.5);
     m.restore = 1;

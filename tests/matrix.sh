@@ -11,6 +11,8 @@ rm -rf "$dir"
 mkdir -p "$dir" || exit 2
 headers="peri_solver.h peri_material.h peri.h"
 flags="-pedantic -Wall -Wextra -Wshadow -Wconversion -Wdouble-promotion -Werror"
+# what an example may do and a library may not: set a variable only to show it, write 1.0f where a double is taken
+example_flags="-Wno-unused-variable -Wno-unused-but-set-variable -Wno-double-promotion"
 # An option, the words its symbols contain, and those of what must stay.
 options="PERI_NO_CHOLESKY:cholesky:peri_world_step
 PERI_NO_SAMPLING:peri_sample|peri__sample|peri__mesh|peri__lattice:peri_shape_evaluate
@@ -43,7 +45,7 @@ attempt() {
         mkdir -p "$case"
         if "$@" >"$case/output" 2>&1; then echo "ok   $title"; else
             echo "FAIL $title"
-            head -n 12 "$case/output" | sed 's/^/    /'
+            head -n 6 "$case/output" | sed 's/^/    /'
         fi >"$dir/part.$number"
         mv "$dir/part.$number" "$dir/result.$number"
     ) &
@@ -54,16 +56,14 @@ skip() {
     case "skip $1" in *"$ONLY"*) echo "skip $1" ;; esac
 }
 
-# unit FILE LINES...: a source file that includes what each line says; "+HEADER" is an include, else a macro.
+# unit LINES...: a source; "+HEADER" is an include, everything else a macro.
 unit() {
-    file=$1
-    shift
     for line in "$@"; do
         case $line in
         +*) echo "#include \"${line#+}\"" ;;
         *) echo "#define $line" ;;
         esac
-    done >"$file"
+    done
 }
 
 # Standards by their compilers: g++ and clang++ take the C++ ones.
@@ -88,7 +88,7 @@ object() {
 compiles() { # COMPILER STANDARD FLAG LINES...: FLAG may be empty
     cc=$1 cstd=$2 extra=$3
     shift 3
-    unit "$case/unit.c" "$@"
+    unit "$@" >"$case/unit.c"
     # shellcheck disable=SC2086
     object "$cc" "$cstd" "$case/unit.o" "$case/unit.c" $extra
 }
@@ -104,8 +104,8 @@ caller() {
 
 # two COMPILER STANDARD_OF_CALLER STANDARD_OF_IMPLEMENTATION HEADER DEFINES_OF_CALLER DEFINES_OF_IMPLEMENTATION
 two() {
-    { unit /dev/stdout ${5:+"$5"} "+$4"; caller "$4"; } >"$case/caller.c"
-    unit "$case/body.c" ${6:+"$6"} "PERI_IMPLEMENTATION" "+$4"
+    { unit ${5:+"$5"} "+$4"; caller "$4"; } >"$case/caller.c"
+    unit ${6:+"$6"} PERI_IMPLEMENTATION "+$4" >"$case/body.c"
     object "$1" "$2" "$case/caller.o" "$case/caller.c" || return 1
     object "$1" "$3" "$case/body.o" "$case/body.c" || return 1
     tool=$1
@@ -117,14 +117,14 @@ links() { two "$@" && "$case/program"; }
 
 refuses_to_link() { # as two: both units compile, and the linker misses the symbol that carries the precision
     two "$@" >"$case/log" 2>&1 && { echo "it links"; return 1; }
-    grep -qi "undefined.*_create" "$case/log" || { cat "$case/log"; return 1; }
+    grep -qi "undefined" "$case/log" || { cat "$case/log"; return 1; }
 }
 
 # -fno-pie keeps constant tables of pointers in read-only sections, where nm can tell them from variables.
 for_nm() { # COMPILER STANDARD LINES...
     cc=$1 cstd=$2
     shift 2
-    unit "$case/unit.c" "$@"
+    unit "$@" >"$case/unit.c"
     object "$cc" "$cstd" "$case/unit.o" "$case/unit.c" -fno-pie
 }
 
@@ -185,13 +185,14 @@ quick_start() { # COMPILER STANDARD HEADER PRECISION
     sed -n '/^ *QUICK START/,/^ *$/p' "$3" | sed '1d; s/   *([^()]*) *$//' >"$case/lines"
     [ "$(grep -c ';' "$case/lines")" -ge 3 ] || { echo "no quick start in $3"; return 1; }
     {
-        unit /dev/stdout ${4:+"$4"} PERI_IMPLEMENTATION "+$3"
+        unit ${4:+"$4"} PERI_IMPLEMENTATION "+$3"
         echo 'int main(void) {'
         cat "$case/lines"
         echo 'return 0; }'
     } >"$case/unit.c"
     cat "$case/lines"
-    object "$1" "$2" "$case/unit.o" "$case/unit.c" -O1 -Wno-unused-variable -Wno-unused-but-set-variable || return 1
+    # shellcheck disable=SC2086
+    object "$1" "$2" "$case/unit.o" "$case/unit.c" -O1 $example_flags || return 1
     tool=$(driver "$1" "$2")
     ${tool%% *} -o "$case/program" "$case/unit.o" -lm && "$case/program"
 }
