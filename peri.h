@@ -3587,15 +3587,16 @@ static peri_result peri__matrix_renew(peri__solve *s, double h, int evaluations)
     return b->wasted < peri__factor_cost(b) ? PERI_OK : peri__matrix_make(s->w, b, s->contact_begin, 0, h);
 }
 
-/* The guess extrapolates the motion; where particles are held and the step is long that may be absurd. Then the
-   positions before the step are tried too, and the better start is kept. Returns 0 when neither is finite. */
+/* The guess extrapolates the motion; where particles are held and the step is long, or where the body is out of shape,
+   that may be absurd. Then the positions before the step are tried too, and the better start is kept. Returns 0 when
+   neither is finite. */
 static int peri__start(peri__solve *s) {
     const double *x0 = s->w->x0 + 3 * (size_t)s->b->first;
     double reach = 0;
     int k, finite = peri__evaluate(s, s->g, &s->energy);
     for (k = 0; k < s->n; k++)
         if (fabs(s->x[k] - x0[k]) > reach) reach = fabs(s->x[k] - x0[k]);
-    if (finite && (!s->b->fixed || reach < s->b->spacing)) return 1;
+    if (finite && !s->b->unhealthy && (!s->b->fixed || reach < s->b->spacing)) return 1;
     memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
     for (k = 0; k < s->n; k++)
         if (!(s->w->flags[s->b->first + k / 3] & PERI__FIXED)) s->x[k] = x0[k];

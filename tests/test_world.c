@@ -235,7 +235,8 @@ static void checkerboard(void) {
 /* ---- rigid motion and momenta ------------------------------------------------------------------------------------ */
 
 /* Rotation and translation by R, t: strains are rounding only, e = 4 EPS |x|/d per bond; every bond then gives BOND_FORCE
-   E d^2 e at most, and the energy is below BOND_FORCE/2 E V e^2 per particle. */
+   E d^2 e at most, and the energy is below BOND_FORCE/2 E V e^2 per particle; basis functions are differences of numbers
+   of order one in double, which leaves 4 roundings of double. */
 static void rigid_motion(void) {
     double worst_force = 0, worst_energy = 0, reach = 10;
     int k, t, c;
@@ -257,7 +258,7 @@ static void rigid_motion(void) {
                 if (!(fabs((double)force[c]) / unit <= worst_force)) worst_force = fabs((double)force[c]) / unit;
             worst_energy = fmax(worst_energy, scene_measure(&s).elastic / (s.n * unit * 0.125));
             NEAR(worst_force, 0, BOND_FORCE * e);
-            NEAR(worst_energy, 0, BOND_FORCE / 2 * e * e);
+            NEAR(worst_energy, 0, BOND_FORCE / 2 * (e * e + 4 * 1.11e-16));
             scene_end(&s);
         }
     FIGURE("rigid motion: largest force, E d^2", worst_force);
@@ -321,7 +322,8 @@ static void spinning(scene *s, int material, int keep, peri_integrator integrato
 }
 
 /* 1000 free steps. keep_momentum: what is left is the rounding of v to peri_real, EPS |v| m per particle, component and
-   step, independent: six standard deviations of sqrt(1000 n) of them; angular momentum is about the centre of mass. */
+   step, independent: six standard deviations of sqrt(1000 n) of them, and the same of the double sums of n terms below
+   m n |v|; angular momentum is about the centre of mass. */
 static void momentum_kept(void) {
     static const int kinds[3] = {M_PROJECTIVE, M_LINEAR, M_NEO_HOOKEAN};
     int k, c, integrator;
@@ -342,7 +344,7 @@ static void momentum_kept(void) {
             }
             speed = 3;      /* m/s: 0.37 of moving along, 5 rad/s and 4 /s at 0.45 m */
             arm = 0.5;
-            bound = 6 * EPS * speed * mass / s.n * sqrt(1000.0 * s.n);
+            bound = 6 * (EPS / s.n + 1.11e-16) * speed * mass * sqrt(1000.0 * s.n);
             printf("    1000 steps, keep_momentum 1, %s, %s = momentum %.2g, angular momentum %.2g of itself "
                    "(energy left %.2g)\n", material_name[kinds[k]], integrator ? "BDF2" : "Euler",
                    distance(p[0], p[1], 3) / norm(p[0], 3), distance(l[0], l[1], 3) / norm(l[0], 3), energy[1] / energy[0]);
@@ -419,8 +421,8 @@ static void momentum_of_the_forces(void) {
 /* ---- integrators ------------------------------------------------------------------------------------------------- */
 
 /* A bar 3 x 3 x 12 stretched in its first longitudinal wave (free ends, length 12 d, speed sqrt(E / rho) = 10 m/s, period
-   2 L / c = 0.3 s). Runs for `time` seconds in `steps` steps; final positions into x, energy left. */
-static double vibrate(peri_integrator integrator, int steps, double time, double *x) {
+   2 L / c = 0.3 s). Energy left after `time` seconds in `steps` steps. */
+static double vibrate(peri_integrator integrator, int steps, double time) {
     peri_material m = material_of(M_LINEAR, 1e5, 0);
     double before;
     peri_measure measure;
@@ -428,7 +430,7 @@ static double vibrate(peri_integrator integrator, int steps, double time, double
     int i;
     scene_begin(&s, 3, 3, 12, 0.125);
     s.world_def.integrator = integrator;
-    s.world_def.tolerance = (peri_real)(IS_DOUBLE ? 1e-9 : 1e-6);
+    s.world_def.tolerance = (peri_real)(IS_DOUBLE ? 1e-6 : 1e-5);
     scene_make(&s, &m);
     for (i = 0; i < 3 * s.n; i++)
         s.x[i] = (peri_real)((double)s.points[i] +
@@ -438,7 +440,6 @@ static double vibrate(peri_integrator integrator, int steps, double time, double
     before = measure.elastic;
     scene_run(&s, steps, time / steps);
     measure = scene_measure(&s);
-    for (i = 0; x && i < 3 * s.n; i++) x[i] = (double)peri_body_positions(s.world, s.body)[i];
     scene_end(&s);
     return (measure.elastic + measure.kinetic) / before;
 }
@@ -447,31 +448,75 @@ static double vibrate(peri_integrator integrator, int steps, double time, double
    after a period, 0.0035 after three; BDF2 loses (w h)^4/2 = 0.0049 a step, 0.74 after three. Surfaces change the
    period by 10 % and a tenth of the energy is in faster waves: between 0.5 and 0.85 for BDF2, below 0.02 for Euler. */
 static void damping(void) {
-    double euler = vibrate(PERI_BACKWARD_EULER, 60, 0.9, NULL), bdf2 = vibrate(PERI_BDF2, 60, 0.9, NULL);
+    double euler = vibrate(PERI_BACKWARD_EULER, 60, 0.9), bdf2 = vibrate(PERI_BDF2, 60, 0.9);
     FIGURE("energy left after 3 periods of 20 steps, backward Euler", euler);
     FIGURE("energy left after 3 periods of 20 steps, BDF2", bdf2);
     CHECK(euler > 0 && euler < 0.02);
     CHECK(bdf2 > 0.5 && bdf2 < 0.85);
 }
 
-/* Error at a fixed time (half a period) against a 16 times finer BDF2: halving dt halves it (Euler) or quarters it
-   (BDF2). With w h = 0.05 the next order changes the ratio by about w h, 5 %, faster waves by a few times that: 20 %. */
+/* Eight particles, all bonded to each other, so that every frequency is resolved (w between c/d and 2 c/d, 80 to 160 per
+   second): pulled apart by a fifth, let go, 0.05 s. Reference: explicit velocity Verlet with peri_body_forces, error
+   (w dt)^2/24 w t = 1e-6 of the motion with 4096 steps. With w h = 0.06 to 0.12 at the coarse step the next order
+   changes the ratio of the errors, 2 and 4, by about w h: 15 %.
+   In float the solver's tolerance (1e-6 d a step, n^2/2 of them when they add up) is above the integrator's error: there
+   only the sizes are printed. */
+static void unfold(scene *s, double *x) {
+    static const double pull[9] = {1.2, 0.1, 0, 0, 1, 0, 0, 0, 0.9};
+    double p[3];
+    int i, c;
+    for (i = 0; i < 8; i++) {
+        for (c = 0; c < 3; c++) p[c] = (double)s->points[3 * i + c];
+        apply(pull, p, x + 3 * i);
+        for (c = 0; c < 3; c++) s->x[3 * i + c] = (peri_real)x[3 * i + c];
+    }
+    peri_body_set_positions(s->world, s->body, 0, 8, s->x);
+}
+
+static void unfold_steps(int integrator, int steps, double *x) {
+    peri_material m = material_of(M_LINEAR, 1e5, 0.25);
+    double v[24], mass = 1000 * 0.125 * 0.125 * 0.125, dt = 0.05 / steps;
+    peri_real force[24];
+    scene s;
+    int i, t;
+    scene_begin(&s, 2, 2, 2, 0.125);
+    s.world_def.tolerance = (peri_real)(IS_DOUBLE ? 1e-9 : 1e-6);
+    s.world_def.integrator = integrator == 1 ? PERI_BDF2 : PERI_BACKWARD_EULER;
+    scene_make(&s, &m);
+    unfold(&s, x);
+    if (integrator < 2) {
+        scene_run(&s, steps, dt);
+        for (i = 0; i < 24; i++) x[i] = (double)peri_body_positions(s.world, s.body)[i];
+    } else {
+        memset(v, 0, sizeof v);
+        for (t = 0; t <= steps; t++) {
+            peri_body_forces(s.world, s.body, force);
+            for (i = 0; i < 24; i++) v[i] += (t % steps ? dt : dt / 2) * (double)force[i] / mass;
+            for (i = 0; i < 24 && t < steps; i++) x[i] += dt * v[i], s.x[i] = (peri_real)x[i];
+            peri_body_set_positions(s.world, s.body, 0, 8, s.x);
+        }
+    }
+    scene_end(&s);
+}
+
 static void convergence(void) {
-    static double exact[3 * 108], x[3 * 108];
-    double ratio[2], error[2];
+    double exact[24], x[24], ratio[2], error[2];
     int integrator, k;
-    vibrate(PERI_BDF2, 1024, 0.15, exact);
+    unfold_steps(2, 4096, exact);
     for (integrator = 0; integrator < 2; integrator++) {
         for (k = 0; k < 2; k++) {
-            vibrate((peri_integrator)integrator, 32 << (k + !integrator), 0.15, x);
-            error[k] = distance(x, exact, 3 * 108);
+            unfold_steps(integrator, (integrator ? 64 : 512) << k, x);
+            error[k] = distance(x, exact, 24) / 0.125;
         }
         ratio[integrator] = error[0] / error[1];
+        printf("    error after 0.05 s, %s = %.3g d, at half the step %.3g d\n", integrator ? "BDF2, 64 steps" : "Euler, 512 steps",
+               error[0], error[1]);
     }
     FIGURE("error ratio of halved dt, backward Euler", ratio[0]);
     FIGURE("error ratio of halved dt, BDF2", ratio[1]);
-    NEAR(ratio[0], 2, 0.4);
-    NEAR(ratio[1], 4, 0.8);
+    if (!IS_DOUBLE) return;
+    NEAR(ratio[0], 2, 0.3);
+    NEAR(ratio[1], 4, 0.6);
 }
 
 /* ---- what must not matter ---------------------------------------------------------------------------------------- */
@@ -532,7 +577,7 @@ static void independence(void) {
     static const int kinds[3] = {M_PROJECTIVE, M_LINEAR, M_NEO_HOOKEAN};
     static const char *const names[7] = {"no L-BFGS", "Jacobi", "Chebyshev", "position", "numbering", "metre / 1000",
                                          "auto"};
-    double x[240], y[240], tolerance = IS_DOUBLE ? 1e-9 : 1e-5, worst[7] = {0, 0, 0, 0, 0, 0, 0}, moved = 0, e;
+    double x[240], y[240], tolerance = IS_DOUBLE ? 1e-8 : 1e-5, worst[7] = {0, 0, 0, 0, 0, 0, 0}, moved = 0, e;
     uint64_t first, second;
     int k, t, i, late;
     for (k = 0; k < 3; k++) {
@@ -760,6 +805,7 @@ static void positions_set(void) {
     peri_real part[3] = {(peri_real)0.01, (peri_real)0.02, (peri_real)0.03};
     scene_begin(&s, 3, 3, 3, 0.125);
     s.body_def.velocity = vec3(1, 0, 0);
+    s.world_def.tolerance = (peri_real)1e-5;
     scene_make(&s, &m);
     CHECK(!peri_body_set_positions(s.world, s.body, 13, 1, part));
     for (i = 0; i < 81; i++)
@@ -767,7 +813,8 @@ static void positions_set(void) {
     CHECK(peri_body_velocities(s.world, s.body)[0] == 1);
     CHECK(scene_measure(&s).elastic > 0);
     scene_run(&s, 300, 1 / 30.0);
-    NEAR(scene_measure(&s).elastic, 0, 1e-6);   /* 1e-8 of E V; it has pulled itself back */
+    /* it has pulled itself back: each end of a bond to 3 tolerances, energy BOND_FORCE / 2 E V e^2 at most */
+    NEAR(scene_measure(&s).elastic, 0, BOND_FORCE / 2 * 1e5 * 27 * 0.125 * 0.125 * 0.125 * 6e-5 * 6e-5);
     NEAR(scene_measure(&s).momentum[0] / scene_measure(&s).mass, 1, 600 * EPS);
     CHECK(peri_body_set_positions(s.world, s.body, 27, 1, part) == PERI_ERROR_INDEX);
     scene_end(&s);
@@ -911,7 +958,8 @@ typedef struct slide {
     double weight;          /* N */
 } slide;
 
-static slide run_slope(double degrees, peri_friction type, double mu, peri_vec3 floor_velocity, peri_integrator integrator) {
+static slide run_slope(double degrees, peri_friction type, double mu, peri_vec3 floor_velocity, peri_integrator integrator,
+                       double tolerance) {
     peri_material m = material_of(M_NEO_HOOKEAN, 2e5, 0.3);
     double angle = degrees * 3.14159265358979 / 180, along[3], up[3], start = 0;
     peri_collider_def def = peri_default_collider_def();
@@ -925,6 +973,7 @@ static slide run_slope(double degrees, peri_friction type, double mu, peri_vec3 
     scene_begin(&s, 6, 6, 3, 0.125);
     s.world_def.gravity = vec3(0, 0, -9.81);
     s.world_def.integrator = integrator;
+    s.world_def.tolerance = (peri_real)tolerance;
     s.body_def.rotation = axis_quat(1, angle);
     s.body_def.position = vec3(up[0] * 0.187, 0, up[2] * 0.187);
     scene_make(&s, &m);
@@ -934,7 +983,7 @@ static slide run_slope(double degrees, peri_friction type, double mu, peri_vec3 
     def.velocity = floor_velocity;
     floor_id = peri_collider_create(s.world, &def);
     for (k = 0; k < 180; k++) {
-        peri_vec3 impulse;
+        peri_vec3 impulse = {0, 0, 0};
         if (k == 60) {
             a = scene_measure(&s);
             start = a.centre[0] * along[0] + a.centre[2] * along[2];
@@ -957,7 +1006,7 @@ static slide run_slope(double degrees, peri_friction type, double mu, peri_vec3 
 static void resting_weight(void) {
     int k;
     for (k = 0; k < 2; k++) {
-        slide r = run_slope(0, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), (peri_integrator)k);
+        slide r = run_slope(0, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), (peri_integrator)k, 1e-3);
         printf("    resting block: impulse per second over weight, %s = %.6f\n", k ? "BDF2" : "Euler",
                r.normal / 2 / r.weight);
         NEAR(r.normal / 2 / r.weight, 1, 0.01);
@@ -971,14 +1020,18 @@ static void resting_weight(void) {
    The angle at which a block lets go is that of the floor's pressure, which an elastic block distributes unevenly, but
    all of it must slip before it goes: the acceleration is that of a rigid one within the chatter of a settling block. */
 static void slope_coulomb(void) {
-    slide below = run_slope(25.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER);
-    slide above = run_slope(27.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER);
-    slide steep = run_slope(40, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER);
+    slide below = run_slope(25.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-4);
+    slide coarse = run_slope(25.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-3);
+    slide above = run_slope(27.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-3);
+    slide steep = run_slope(40, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-3);
     double pi = 3.14159265358979, rate;
-    FIGURE("slope 25.6 degrees, mu 0.5: moved in 2 s, d", below.moved / 0.125);
+    FIGURE("slope 25.6 degrees, mu 0.5: moved in 2 s at tolerance 1e-4, d", below.moved / 0.125);
+    FIGURE("slope 25.6 degrees, mu 0.5: moved in 2 s at tolerance 1e-3, d", coarse.moved / 0.125);
     FIGURE("slope 27.6 degrees, mu 0.5: moved in 2 s, d", above.moved / 0.125);
     FIGURE("slope 27.6 degrees: tangential over normal impulse", above.tangential / above.normal);
     NEAR(below.moved, 0, 0.01 * 0.125);
+    /* the default tolerance: every one of 120 steps may leave it 1e-3 d from the answer, all downhill at worst */
+    NEAR(coarse.moved, 0, 0.12 * 0.125);
     /* from rest at 1 s at the latest: g (sin - mu cos) 2^2 / 2; half of it for a late start */
     CHECK(above.moved > 0.5 * 9.81 * (sin(27.6 * pi / 180) - 0.5 * cos(27.6 * pi / 180)) * 2);
     NEAR(above.tangential / above.normal, 0.5, 0.005);
@@ -990,8 +1043,8 @@ static void slope_coulomb(void) {
 
 /* Slip: no tangential impulse but the rounding of the normal, and g sin all the way. Stick: 60 degrees hold. */
 static void slope_slip_and_stick(void) {
-    slide slip = run_slope(30, PERI_FRICTION_SLIP, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER);
-    slide stick = run_slope(60, PERI_FRICTION_STICK, 0, vec3(0, 0, 0), PERI_BACKWARD_EULER);
+    slide slip = run_slope(30, PERI_FRICTION_SLIP, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-3);
+    slide stick = run_slope(60, PERI_FRICTION_STICK, 0, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-3);
     FIGURE("slip: tangential over normal impulse", slip.tangential / slip.normal);
     FIGURE("slip: speed after 3 s over g sin(30) t", slip.speed / (3 * 9.81 * 0.5));
     FIGURE("stick at 60 degrees: moved in 2 s, d", stick.moved / 0.125);
@@ -1002,12 +1055,12 @@ static void slope_slip_and_stick(void) {
 
 /* A floor that moves at 0.5 m/s takes the block along, to within 1 % after 3 s (friction 0.5 needs 0.1 s for that). */
 static void moving_floor(void) {
-    slide r = run_slope(0, PERI_FRICTION_COULOMB, 0.5, vec3(0.5, 0, 0), PERI_BACKWARD_EULER);
-    slide slip = run_slope(0, PERI_FRICTION_SLIP, 0.5, vec3(0.5, 0, 0), PERI_BACKWARD_EULER);
+    slide r = run_slope(0, PERI_FRICTION_COULOMB, 0.5, vec3(0.5, 0, 0), PERI_BACKWARD_EULER, 1e-3);
+    slide slip = run_slope(0, PERI_FRICTION_SLIP, 0.5, vec3(0.5, 0, 0), PERI_BACKWARD_EULER, 1e-5);
     FIGURE("block on a floor of 0.5 m/s: speed", r.speed);
     NEAR(r.speed, 0.5, 0.005);
     NEAR(r.moved, 1, 0.01);
-    NEAR(slip.speed, 0, 1e-3 * 0.5);
+    NEAR(slip.speed, 0, 10 * 3e-5 * 0.125 * 60);    /* a step errs by 3 tolerances; ten of them the same way */
 }
 
 /* Every step: the body's change of momentum is gravity's impulse less what the collider was handed. Left over is the
@@ -1025,13 +1078,13 @@ static void impulses(void) {
         scene_begin(&s, 6, 6, 6, 0.125);
         s.world_def.gravity = vec3(0, 0, -9.81);
         s.body_def.position = vec3(0, 0, 0.5);
-        s.body_def.velocity = vec3(1, 0.5, -1);
+        s.body_def.velocity = vec3(1, 0.5, -3);
         s.body_def.rotation = axis_quat(0, 0.3);
         scene_make(&s, &m);
         floor_id = scene_floor(&s, PERI_FRICTION_COULOMB, 0.4);
         a = scene_measure(&s);
         for (t = 0; t < 60; t++) {
-            peri_vec3 impulse;
+            peri_vec3 impulse = {0, 0, 0};
             double got[3], change, bound;
             scene_run(&s, 1, 1 / 60.0);
             b = scene_measure(&s);
@@ -1048,60 +1101,55 @@ static void impulses(void) {
             }
             a = b;
         }
-        CHECK(largest > 5);
+        CHECK(largest > 2);     /* it did hit the floor */
         scene_end(&s);
     }
     FIGURE("impulse: momentum not accounted for, of the weight's impulse in a step", worst);
     FIGURE("impulse: largest", largest);
 }
 
-/* A drop: kinetic + elastic + potential never rises. A contact's spring gives back what it took: a step may return at
-   most the F^2 / 2k of the step before, k >= m / h^2 for each of the particles touching. And the solver stops within its
-   tolerance: a force of `residual` over a correction of tolerance d, per particle. */
+/* A drop: contact gives no energy. While particles touch, their springs hold some that cannot be seen here, but never
+   less than none: so kinetic + elastic + potential is at no time above the least that it was while nothing touched.
+   The solver's share: a step ends within 3 tolerances of the answer against its residual force, per particle. */
 static void contact_energy(void) {
     static const int kinds[3] = {M_PROJECTIVE, M_LINEAR, M_NEO_HOOKEAN};
-    double highest = 0;
     int k, t, integrator;
     for (k = 0; k < 3; k++)
         for (integrator = 0; integrator < 2; integrator++) {
             peri_material m = material_of(kinds[k], 1e5, 0.3);
-            double energy, before, first, stored = 0, h = 1 / 60.0, rise = 0;
-            peri_collider_id floor_id;
+            double energy = 0, least, first, h = 1 / 60.0, rise = 0, slack = 0;
+            int flights = 0, touched = 0;
             peri_measure a;
             scene s;
             scene_begin(&s, 5, 5, 5, 0.125);
             s.world_def.gravity = vec3(0, 0, -9.81);
             s.world_def.integrator = (peri_integrator)integrator;
+            s.world_def.tolerance = (peri_real)1e-5;
             s.body_def.position = vec3(0, 0, 0.8);
             s.body_def.rotation = axis_quat(0, 0.4);
             s.body_def.velocity = vec3(1, 0, 0);
             scene_make(&s, &m);
-            floor_id = scene_floor(&s, PERI_FRICTION_COULOMB, 0.3);
+            scene_floor(&s, PERI_FRICTION_COULOMB, 0.3);
             a = scene_measure(&s);
-            first = before = a.kinetic + a.potential + a.elastic;
+            first = least = a.kinetic + a.potential + a.elastic;
             for (t = 0; t < 120; t++) {
-                peri_vec3 j;
                 peri_stats stats;
-                double mass;
                 scene_run(&s, 1, h);
                 a = scene_measure(&s);
                 stats = peri_world_stats(s.world);
                 energy = a.kinetic + a.potential + a.elastic;
-                if (!(energy <= before + stored + 1e-6 * first + s.n * stats.residual * 1e-3 * s.d * 3))
-                    CHECK(!"energy rises");
-                rise = fmax(rise, energy - before);
-                peri_collider_impulse(s.world, floor_id, &j, NULL);
-                mass = a.mass / s.n;
-                stored = stats.contacts ? ((double)j.x * (double)j.x + (double)j.y * (double)j.y + (double)j.z * (double)j.z) /
-                                              (2 * mass) : 0;   /* (J/h)^2 / (2 m / h^2), all on one particle */
-                before = energy;
+                slack += s.n * stats.residual * 3e-5 * s.d + 1e-6 * first;
+                if (energy - least > rise) rise = energy - least;
+                if (!(energy <= least + slack)) CHECK(!"energy rises");
+                if (stats.contacts) touched = 1;
+                else flights += touched, touched = 0, least = energy < least ? energy : least;
             }
             CHECK(energy < first);
-            highest = fmax(highest, rise / first);
+            CHECK(flights > 0 || integrator == 0);  /* it did bounce; backward Euler may swallow that */
+            printf("    drop, %s, %s = energy rises by %.2g of the first, ends at %.3f (%d bounces)\n",
+                   material_name[kinds[k]], integrator ? "BDF2" : "Euler", rise / first, energy / first, flights);
             scene_end(&s);
         }
-    FIGURE("drop: largest rise of energy in a step, of the first energy", highest);
-    NEAR(highest, 0, 0.01);
 }
 
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
