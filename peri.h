@@ -106,7 +106,7 @@ typedef struct peri_world_def {
                                    a float build stalls */
     int max_iterations;         /* of a step; 200 */
     int cap_is_error;           /* 1: a step that meets max_iterations fails and is undone; 0: it is reported only */
-    peri_real matrix_scale;     /* of the elastic part of the matrix, 0.05 to 4; 0.5. Changes speed, not the answer */
+    peri_real matrix_scale;     /* of the elastic part of the matrix, 0.05 to 4; 0.4. Changes speed, not the answer */
     int keep_momentum;          /* 1: bodies that touch nothing keep linear and angular momentum to rounding, where
                                    backward Euler alone damps rotation; 0: the bare integrator */
     int max_particles;          /* limits; growth beyond them is refused. 2^24 */
@@ -219,7 +219,8 @@ PERI_DEF peri_result peri_body_set_forces(peri_world *world, peri_body_id body, 
 /* Fixes (1) or frees (0) a particle. A fixed one stays where it is, or goes where peri_body_move sends it. */
 PERI_DEF peri_result peri_body_set_fixed(peri_world *world, peri_body_id body, int particle, int fixed);
 
-/* Script-driven particles: the fixed particle is at x (m) at the end of the next step and stays there. */
+/* Script-driven particles: the fixed particle is at x (m) at the end of the next step and stays there. Move it by less
+   than half a spacing a step against its free neighbours: in one leap past them it would mirror their bonds. */
 PERI_DEF peri_result peri_body_move(peri_world *world, peri_body_id body, int particle, peri_vec3 x);
 
 /* What a body is and does. Energies in J; potential of gravity about the origin; momenta about the origin. */
@@ -1904,7 +1905,7 @@ peri_world_def peri_default_world_def(void) {
     d.lbfgs = 5;
     d.tolerance = PERI__R(1e-3);
     d.max_iterations = 200;
-    d.matrix_scale = PERI__R(0.5);
+    d.matrix_scale = PERI__R(0.4);
     d.keep_momentum = 1;
     d.max_particles = 1 << 24;
     d.max_bonds = 1 << 30;
@@ -2682,16 +2683,25 @@ static void peri__compact(peri_world *w, int first, int count) {
     }
 }
 
+/* Forgets where friction holds particles first .. first + count - 1 of body k (count < 0: all). */
+static void peri__contacts_forget(peri_world *w, int k, int first, int count) {
+    int i, kept = 0;
+    for (i = 0; i < w->contact_count; i++) {
+        const peri__contact *t = &w->contacts[i];
+        if (t->body != k || (count >= 0 && (t->particle < first || t->particle >= first + count)))
+            w->contacts[kept++] = *t;
+    }
+    w->contact_count = kept;
+}
+
 peri_result peri_body_destroy(peri_world *w, peri_body_id id) {
     peri__body *b = peri__body_find(w, id);
-    int k, kept = 0, first, count, bonds;
+    int first, count, bonds;
     if (!b) return peri__no_body(w, id);
 #ifndef PERI_NO_SKINNING
     peri__skins_drop(w, b);
 #endif
-    for (k = 0; k < w->contact_count; k++)
-        if (w->contacts[k].body != (int)id.index1 - 1) w->contacts[kept++] = w->contacts[k];
-    w->contact_count = kept;
+    peri__contacts_forget(w, (int)id.index1 - 1, 0, -1);
     first = b->first;
     count = b->count;
     bonds = b->row[b->count];
@@ -2744,6 +2754,7 @@ peri_result peri_body_set_positions(peri_world *w, peri_body_id id, int first, i
         w->x[at + k] = w->x0[at + k] = (double)x[k];
         w->out[at + k] = x[k];
     }
+    peri__contacts_forget(w, (int)id.index1 - 1, first, count);
     b->steps = 0;
     return PERI_OK;
 }

@@ -22,17 +22,17 @@ enum { SKIN, STRESS, PARTICLES };
 static const studio_app app = {
     "drop", "a mesh, filled with soft particles, falls onto a ball and a floor",
     "  --show WHAT    skin, stress or particles in the animation (skin)\n"
-    "  --across N     particles along the longest side (28)\n"
+    "  --across N     particles along the longest side (24)\n"
     "  --young PA     Young's modulus (40000)\n"
     "  --poisson X    Poisson's ratio (0.35)\n"
     "  --density X    kg/m^3 (500)\n"
-    "  --height X     of the fall, in sizes of the mesh (1)\n"
+    "  --height X     of the fall, in sizes of the mesh (0.8)\n"
     "  --friction X   coefficient of floor and ball (0.6)\n"
     "  --bdf2         second order in time: bounces longer\n"
     "  --keep-size    do not scale the mesh to 1 m\n"
     "  --y-up         the file has y upwards; here it is z\n"
     "--model: neo_hookean linear stvk stvk_exact stable papers projective\n"
-    "--solver: auto cholesky jacobi chebyshev position\n", 120};
+    "--solver: auto cholesky jacobi chebyshev position\n", 100};
 
 /* What one picture shows. */
 typedef struct view {
@@ -54,6 +54,7 @@ typedef struct drop {
     peri_skin_id skin;
     view now, moment[MOMENTS];
     peri_measure measure, first;
+    double squash, rise;        /* elastic energy and height of the moments remembered */
     int steps, flying, iterations, unconverged;
     double seconds, growth, depth, swollen, shrunk, slip;  /* wall time; worst figures of the run, see observe() */
 } drop;
@@ -131,7 +132,7 @@ static int load(drop *s, const char *program) {
 static int sample(drop *s) {
     peri_shape shape = peri_shape_mesh(s->mesh.v, s->mesh.vertices, s->mesh.t, s->mesh.triangles);
     peri_error err;
-    s->spacing = s->size / (float)studio_number("--across", s->options.check ? 20 : 28);
+    s->spacing = s->size / (float)studio_number("--across", s->options.check ? 16 : 24);
     if (peri_sample(&shape, s->spacing, NULL, 0, &s->count, &err)) return studio_error("%s", err.text);
     if (s->count == 0) return studio_error("no particle fits into the mesh; raise --across");
     s->point = (float *)studio_alloc(3 * (size_t)s->count, sizeof(float));
@@ -155,6 +156,7 @@ static int create_world(drop *s) {
     peri_error err;
     if (choose_solver(s->options.solver, &def.solver)) return -1;
     def.gravity.z = -gravity;
+    def.tolerance = 0.01f; /* a hundredth of a spacing is below what a picture shows */
     def.parallel.threads = s->options.threads;
     if (studio_extra("--bdf2")) def.integrator = PERI_BDF2;
     s->world = peri_world_create(&def, &err);
@@ -166,8 +168,8 @@ static int create_colliders(drop *s) {
     peri_collider_def def = peri_default_collider_def();
     def.friction = (float)studio_number("--friction", 0.6);
     if (!peri_collider_create(s->world, &def).index1) return complain(s);
-    s->radius = 0.26f * s->size;
-    studio_set(s->ball, -0.02f * s->size, 0.12f * s->size, 0.06f * s->size);
+    s->radius = 0.28f * s->size;
+    studio_set(s->ball, 0.25f * s->size, 0, 0.06f * s->size);
     def.shape = peri_shape_ball(s->radius);
     def.position.x = s->ball[0];
     def.position.y = s->ball[1];
@@ -186,8 +188,9 @@ static int create_body(drop *s) {
     def.points = s->point;
     def.count = s->count;
     def.spacing = s->spacing;
-    def.position.z = s->size * (0.5f + (float)studio_number("--height", 1));
-    def.rotation = turned(1, 0.3f, 0.2f, 20);
+    def.position.x = 0.2f * s->size;
+    def.position.z = s->size * (0.5f + (float)studio_number("--height", 0.8));
+    def.rotation = turned(1, 0.15f, 0, 75);
     s->body = peri_body_create(s->world, &def);
     if (!s->body.index1) return complain(s);
     s->skin = peri_skin_create(s->world, s->body, s->mesh.v, s->mesh.vertices, s->mesh.t, s->mesh.triangles);
@@ -230,7 +233,7 @@ static int look(drop *s) {
     return 0;
 }
 
-/* Volume over rest volume: the mean determinant of the deformation gradient. */
+/* Volume over rest volume: the mean determinant of the particles' deformation gradients. */
 static int volume(drop *s, double *ratio) {
     float *f = (float *)studio_alloc(9 * (size_t)s->count, sizeof(float));
     double sum = 0;
@@ -279,16 +282,14 @@ static int step(drop *s) {
 /* Remembers the moments of drop.png: before the first touch, the largest elastic energy, the highest centre after
  * it, and the end. */
 static void remember(drop *s) {
-    static const double never = -HUGE_VAL;
-    static double squash = -HUGE_VAL, rise = -HUGE_VAL;
     if (s->flying) view_copy(s, &s->now, &s->moment[0]);
-    if (s->measure.elastic > squash) {
-        squash = s->measure.elastic;
-        rise = never;
+    if (s->measure.elastic > s->squash) {
+        s->squash = s->measure.elastic;
+        s->rise = -HUGE_VAL;
         view_copy(s, &s->now, &s->moment[1]);
     }
-    if (s->measure.centre[2] > rise) {
-        rise = s->measure.centre[2];
+    if (s->measure.centre[2] > s->rise) {
+        s->rise = s->measure.centre[2];
         view_copy(s, &s->now, &s->moment[2]);
     }
     view_copy(s, &s->now, &s->moment[3]);
@@ -352,13 +353,15 @@ static int draw(const drop *s, const view *v, int show, studio_image *im) {
     bad = studio_scene_ball(&scene, s->ball, s->radius, red);
     if (show == PARTICLES) bad |= add_particles(s, &scene, v);
     else bad |= add_skin(s, &scene, v, show == STRESS);
-    studio_set(target, 0, 0, 0.78f * s->size);
-    studio_orbit(&camera, target, 4.4f * s->size, 32, 14, 28);
+    studio_set(target, -0.02f * s->size, 0, 0.74f * s->size);
+    studio_orbit(&camera, target, 4.6f * s->size, 25, 14, 25);
     bad = bad || studio_render(&scene, &camera, im);
     studio_scene_end(&scene);
-    if (!bad && show != SKIN)
-        studio_colorbar(im, im->width - 70, 50, 14, im->height / 3, 0, (double)full_scale(s) / 1000, "stress, kPa");
     return bad;
+}
+
+static void add_bar(const drop *s, studio_image *im) {
+    studio_colorbar(im, im->width - 70, 50, 14, im->height / 3, 0, (double)full_scale(s) / 1000, "stress, kPa");
 }
 
 static void paste(studio_image *to, const studio_image *from, int x, int y) {
@@ -377,9 +380,10 @@ static int draw_moment(const drop *s, int k, studio_image *sheet, studio_image *
     snprintf(text, sizeof text, "%s/drop_%s.png", s->options.out, name[k]);
     if (studio_png(text, panel)) return -1;
     snprintf(text, sizeof text, "%s, %.2f s", name[k], s->moment[k].time);
-    studio_text(panel, 20, 36, 14, ink, text);
+    studio_text(panel, 20, 36, 15, ink, text);
     paste(sheet, panel, k * panel->width, 0);
     if (draw(s, &s->moment[k], PARTICLES, panel)) return -1;
+    if (k == MOMENTS - 1) add_bar(s, panel);
     paste(sheet, panel, k * panel->width, panel->height);
     return 0;
 }
@@ -387,7 +391,7 @@ static int draw_moment(const drop *s, int k, studio_image *sheet, studio_image *
 static int draw_sheet(const drop *s) {
     studio_image sheet = {0, 0, NULL}, panel = {0, 0, NULL};
     char path[STUDIO_PATH];
-    int k, bad = studio_image_make(&panel, 480, 540) || studio_image_make(&sheet, MOMENTS * 480, 2 * 540);
+    int k, bad = studio_image_make(&panel, 480, 480) || studio_image_make(&sheet, MOMENTS * 480, 2 * 480);
     for (k = 0; k < MOMENTS && !bad; k++) bad = draw_moment(s, k, &sheet, &panel);
     snprintf(path, sizeof path, "%s/drop.png", s->options.out);
     bad = bad || studio_png(path, &sheet);
@@ -429,18 +433,21 @@ static void plot_begin(studio_plot *plot) {
 
 /* ---- checks ---- */
 
+/* Bounds: the integrator is exact in flight but for rounding; contact is a stiff spring, so a hard landing may press
+ * a particle in by a part of its radius, half a spacing; neo-Hookean matter at nu 0.35 may lose a tenth of its volume
+ * while 200 J squeeze it. */
 static void check(const drop *s) {
     double worst = 0, weight = s->first.mass * (double)(gravity * s->size);
     int i;
     for (i = 0; i < 3 * s->mesh.vertices; i++)
-        if (!(fabs((double)s->now.skin[i]) < worst)) worst = fabs((double)s->now.skin[i]);
-    studio_check("momentum in flight, off m g t", s->slip, "", 0, 1e-4);
+        if (!(fabs((double)s->now.skin[i]) <= worst)) worst = fabs((double)s->now.skin[i]);
+    studio_check("momentum in flight, off m g t", s->slip, "", 0, 1e-5);
     studio_check("energy above that of the start", s->growth, "", 0, 1e-3);
-    studio_check("deepest in the floor", s->depth, "spacings", -HUGE_VAL, 0.1);
+    studio_check("deepest in the floor", s->depth, "spacings", -HUGE_VAL, 0.25);
     studio_check("smallest volume", s->shrunk, "of rest", 0.85, 1);
     studio_check("largest volume", s->swollen, "of rest", 1, 1.05);
-    studio_check("kinetic energy at the end", s->measure.kinetic / weight, "m g size", 0, 1e-4);
-    studio_check("height of the centre at the end", s->measure.centre[2] / (double)s->size, "sizes", 0.05, 0.8);
+    studio_check("kinetic energy at the end", s->measure.kinetic / weight, "m g size", 0, 2e-3);
+    studio_check("height of the centre at the end", s->measure.centre[2] / (double)s->size, "sizes", 0.05, 0.6);
     studio_check("farthest coordinate of the skin", worst / (double)s->size, "sizes", 0, 4);
     studio_check("steps not converged", s->unconverged, "", 0, 0);
 }
@@ -456,7 +463,9 @@ static int frame(drop *s, studio_plot *plot, FILE *csv, studio_gif *gif, studio_
     if (bad || look(s)) return -1;
     remember(s);
     if (s->options.check) return 0;
-    return draw(s, &s->now, what_to_show(), im) || studio_gif_frame(gif, im);
+    if (draw(s, &s->now, what_to_show(), im)) return -1;
+    if (what_to_show() != SKIN) add_bar(s, im);
+    return studio_gif_frame(gif, im);
 }
 
 static int run(drop *s) {

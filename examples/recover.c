@@ -29,7 +29,7 @@ static const char *const start_name[STARTS] = {"plane", "line", "point", "mirror
 static const char *const all_models[] = {"neo_hookean", "linear", "projective", "papers",
                                          "stvk",        "stvk_exact", "stable"};
 
-static const double young = 1e5, poisson = 0.25, density = 1000;
+static const double young = 1e6, poisson = 0.25, density = 1000;
 static const double recovered = 0.05; /* misfit, spacings */
 
 static const studio_app app = {"recover",
@@ -37,7 +37,7 @@ static const studio_app app = {"recover",
                                "mass-spring and shape matching do the same exercise.\n"
                                "models: neo_hookean linear projective papers stvk stvk_exact stable all\n"
                                "solvers: auto cholesky jacobi chebyshev position\n",
-                               NULL, 72};
+                               NULL, 60};
 
 /* ------------------------------------------------------------------------------------------------ shapes -------- */
 
@@ -518,7 +518,7 @@ static void tabulate_contraction(const studio_options *o, const char *model) {
 
 /* ----------------------------------------------------------------------------------------------- pictures -------- */
 
-enum { SHOWN = 3, COLUMNS = 6, PANEL_W = 210, PANEL_H = 250, LEFT = 34, TOP = 46 };
+enum { SHOWN = 3, COLUMNS = 6, PANEL_W = 210, PANEL_H = 240, LEFT = 34, TOP = 30 };
 static const int shown[SHOWN] = {PLANE, MIRRORED, SHUFFLED};
 static const float ink[3] = {0.13f, 0.15f, 0.19f};
 static const double colour_range = 8; /* spacings */
@@ -532,19 +532,21 @@ typedef struct gallery {
 
 /* Draws one body into the panel whose corner is (x, y). */
 static void draw_panel(gallery *g, const run *r, studio_image *im, int x, int y) {
-    static const float middle[3] = {0, 0, 0.0f};
-    float radius = 0.56f * (float)r->s->spacing, rgb[3], p[3];
+    float middle[3] = {0, 0, 0}, radius = 0.56f * (float)r->s->spacing, rgb[3], p[3];
     studio_camera camera;
     double best = misfit(r->s, r->x, g->away);
     char text[40];
     int i, k, row;
     studio_scene_clear(&g->scene);
     for (i = 0; i < r->s->count; i++) {
-        for (k = 0; k < 3; k++) p[k] = (float)r->x[3 * i + k];
+        for (k = 0; k < 3; k++) {
+            p[k] = (float)r->x[3 * i + k];
+            middle[k] += p[k] / (float)r->s->count;
+        }
         studio_colormap((float)(1 - g->away[i] / colour_range), rgb);
         studio_scene_ball(&g->scene, p, radius, rgb);
     }
-    studio_orbit(&camera, middle, 3.6f, 24, 12, 20);
+    studio_orbit(&camera, middle, 3.7f, 24, 12, 20);
     if (studio_render(&g->scene, &camera, &g->panel)) return;
     for (row = 0; row < g->panel.height; row++)
         memcpy(im->rgb + 3 * ((size_t)(y + row) * (size_t)im->width + (size_t)x),
@@ -554,14 +556,13 @@ static void draw_panel(gallery *g, const run *r, studio_image *im, int x, int y)
 }
 
 /* Names of rows and columns. */
-static void draw_frame(studio_image *im, int columns, const char *const *names, const char *title) {
+static void draw_frame(studio_image *im, int columns, const char *const *names) {
     int k;
     studio_image_fill(im, 1, 1, 1);
     for (k = 0; k < columns; k++)
         studio_text_at(im, (float)(LEFT + PANEL_W * k + PANEL_W / 2), TOP - 10, 11, ink, 0.5f, 0, names[k]);
     for (k = 0; k < SHOWN; k++)
         studio_text_at(im, 22, (float)(TOP + PANEL_H * k + PANEL_H / 2), 11, ink, 0.5f, 1, start_name[shown[k]]);
-    studio_text_at(im, (float)(im->width / 2), 19, 11, ink, 0.5f, 0, title);
 }
 
 static int gallery_begin(gallery *g, const shape *s, const studio_options *o, const char *model) {
@@ -590,9 +591,9 @@ static void gallery_end(gallery *g) {
     free(g->away);
 }
 
-/* Columns of the still picture at frame f: the start, the library after 0.1, 0.3 and 1 s, the others at the end. */
+/* Columns of the still picture at frame f: the start, the library after 3 and 12 steps and at the end, the others at the end. */
 static void draw_still(gallery *g, studio_image *im, int f, int last) {
-    static const int frame[4] = {0, 6, 18, 60};
+    static const int frame[4] = {0, 3, 12, INT_MAX};
     int k, c;
     for (k = 0; k < SHOWN; k++) {
         for (c = 0; c < 4; c++)
@@ -603,7 +604,7 @@ static void draw_still(gallery *g, studio_image *im, int f, int last) {
     }
 }
 
-static void draw_key(studio_image *im) {
+static void draw_key(studio_image *im, int verbose) {
     float rgb[3];
     int k, x0 = LEFT, y = TOP + SHOWN * PANEL_H + 12;
     for (k = 0; k < 240; k++) {
@@ -611,12 +612,13 @@ static void draw_key(studio_image *im) {
         studio_rectangle(im, x0 + k, y, 1, 12, rgb, 1);
     }
     studio_text(im, (float)x0 + 250, (float)y + 11, 11, ink,
-                "0 .. 8 spacings from the rest place; the number in a panel is the rms");
+                verbose ? "0 .. 8 spacings away from the rest shape (best rigid fit); in each panel the rms"
+                        : "0 .. 8 spacings from the rest shape");
 }
 
 static int pictures(const shape *s, const studio_options *o, const char *model) {
-    static const char *const still[COLUMNS] = {"start",      "peri, 0.1 s",        "peri, 0.3 s",
-                                               "peri, 1 s", "mass-spring, at last", "shape matching, at last"};
+    static const char *const still[COLUMNS] = {"start",          "peri, 0.05 s",      "peri, 0.2 s",
+                                               "peri, at last", "mass-spring, at last", "shape matching, at last"};
     gallery *g = (gallery *)studio_alloc(1, sizeof *g);
     studio_image big, film;
     studio_gif *gif;
@@ -627,9 +629,10 @@ static int pictures(const shape *s, const studio_options *o, const char *model) 
           studio_image_make(&film, LEFT + METHODS * PANEL_W, TOP + SHOWN * PANEL_H + 36);
     if (bad) return -1;
     gif = studio_gif_begin(studio_path(o->out, "recover.gif"), film.width, film.height, 5);
-    draw_frame(&big, COLUMNS, still, "Put out of shape, then left alone");
-    draw_frame(&film, METHODS, method_name, "Put out of shape, then left alone");
-    draw_key(&big);
+    draw_frame(&big, COLUMNS, still);
+    draw_frame(&film, METHODS, method_name);
+    draw_key(&big, 1);
+    draw_key(&film, 0);
     studio_progress(o, 0, o->frames, NULL);
     for (f = 0; f <= o->frames && !bad; f++) {
         draw_still(g, &big, f, o->frames);
@@ -670,7 +673,7 @@ int main(int argc, char **argv) {
     tabulate_contraction(&o, model ? model : all_models[0]);
     free(block.rest);
     if (o.check) return studio_end(&o);
-    bad = sample_mesh(&figure, o.input ? o.input : "examples/models/figure.obj", 0.033);
+    bad = sample_mesh(&figure, o.input ? o.input : "examples/models/figure.obj", 0.04);
     bad = bad || pictures(&figure, &o, model ? model : all_models[0]);
     free(figure.rest);
     return studio_end(&o) || bad;
