@@ -266,7 +266,7 @@ static int draw_beam(studio_scene *s, beam *b, double dy, double dz, int value, 
         if (flat) memcpy(rgb, flat, sizeof rgb);
         else studio_colormap((float)((double)b->x[i] / range), rgb);
         if (b->held[i]) studio_set(rgb, 0.45f, 0.46f, 0.50f);
-        if (studio_scene_ball(s, p, (float)(0.56 * b->spacing), rgb)) return -1;
+        if (studio_scene_ball(s, p, (float)((flat ? 0.56 : 0.72) * b->spacing), rgb)) return -1;
     }
     return 0;
 }
@@ -294,7 +294,7 @@ static int draw_fall(fall *f, int way, studio_image *im) {
                 bad |= studio_scene_line(&scene, from, to, 3.2f, colour[k]);
             }
     }
-    studio_orbit(&camera, middle, 20.0f, 0, 4, 3.4f);
+    studio_orbit(&camera, middle, 9.0f, 0, 4, 7.5f);
     bad |= studio_render(&scene, &camera, im);
     studio_scene_end(&scene);
     studio_text(im, 18, 32, 14, ink, way_name[way]);
@@ -482,7 +482,7 @@ static int picture_stack(beam *b, int count, int value, double range, double uni
         hi[2] = (float)z + 0.1f;
         bad = draw_beam(&scene, &b[k], 0, z, value, range, NULL) || studio_scene_box(&scene, lo, hi, 1.5f, ink);
     }
-    studio_orbit(&camera, middle, 28.0f, 0, 6, (float)(0.67 * (1.2 + count)));
+    studio_orbit(&camera, middle, 11.0f, 0, 6, (float)(1.7 * (1.2 + count)));
     bad = bad || studio_render(&scene, &camera, &im);
     for (k = 0; k < count && !bad; k++) {
         studio_set(p, -0.12f, 0, (float)(gap * ((count - 1) / 2.0 - k)) - 0.02f);

@@ -21,14 +21,15 @@
 enum { MATERIALS = 3, LOADS = 4, BASES = 2 };
 static const double load[LOADS] = {0.1, 1, 2, 3}; /* g */
 static const float earth = 9.81f;
+static const double AT_REST = 5e-4; /* spacings per step */
 
 static const studio_app app = {
     "figure", "a figure of three materials under growing gravity, and its hard fall",
     "  --across N     particles along the longest side (24)\n"
-    "  --young PA     Young's modulus (150000)\n"
+    "  --young PA     Young's modulus (1000000)\n"
     "  --poisson X    Poisson's ratio (0.3)\n"
     "  --density X    kg/m^3 (1000)\n"
-    "  --speed X      of the fall, m/s (6)\n"
+    "  --speed X      of the fall, m/s (4)\n"
     "--model: the third material: neo_hookean linear stvk stvk_exact stable papers projective\n"
     "--solver: auto cholesky jacobi chebyshev position\n"
     "--frames: most steps to reach rest under one load\n", 200};
@@ -43,13 +44,14 @@ typedef struct figure {
     studio_mesh mesh;       /* 1 m, standing on z = 0 */
     float spacing, young, poisson, density, speed;
     float *point, *gradient;
+    double *sorted;         /* 2 count: room for worst() */
     unsigned char *foot;    /* particles that are fixed */
     int count;
     peri_material material[MATERIALS], base[BASES];
     pose stand[MATERIALS][LOADS], fall[BASES];
     double height[MATERIALS][LOADS];    /* of the head, m */
     double moved[MATERIALS][LOADS];     /* in the last step, spacings */
-    double fallen_volume[BASES], fallen_stretch[BASES]; /* smallest of any particle */
+    double fallen_volume[BASES], fallen_stretch[BASES]; /* smallest of all but 2 % */
     double smallest;                    /* determinant of a deformation gradient while standing */
     int steps, iterations, unhealthy, unconverged, done;
     double seconds;
@@ -100,14 +102,15 @@ static int choose_solver(const char *name, peri_solver *solver) {
 }
 
 static int make_materials(figure *s) {
-    s->young = (float)studio_number("--young", 150000);
+    s->young = (float)studio_number("--young", 1e6);
     s->poisson = (float)studio_number("--poisson", 0.3);
     s->density = (float)studio_number("--density", 1000);
-    s->speed = (float)studio_number("--speed", 6);
+    s->speed = (float)studio_number("--speed", 4);
     if (choose_material(s, "linear", &s->material[0]) || choose_material(s, "papers", &s->material[1]) ||
         choose_material(s, s->options.model ? s->options.model : "neo_hookean", &s->material[2]))
         return -1;
-    s->base[0] = s->base[1] = s->material[0];
+    s->young /= 10; /* the fall is of a softer one */
+    if (choose_material(s, "linear", &s->base[0]) || choose_material(s, "linear", &s->base[1])) return -1;
     use_a4(&s->base[1]);
     return 0;
 }
@@ -134,11 +137,10 @@ static int load_mesh(figure *s, const char *program) {
     return studio_mesh_normals(&s->mesh);
 }
 
-/* Fills the mesh with particles and fixes those of the lowest layer. */
+/* Fills the mesh with particles and fixes those of the feet. */
 static int sample(figure *s) {
     peri_shape shape = peri_shape_mesh(s->mesh.v, s->mesh.vertices, s->mesh.t, s->mesh.triangles);
     peri_error err;
-    float lo[3], hi[3];
     int i;
     s->spacing = 1 / (float)studio_number("--across", s->options.check ? 16 : 24);
     if (peri_sample(&shape, s->spacing, NULL, 0, &s->count, &err)) return studio_error("%s", err.text);
@@ -146,10 +148,10 @@ static int sample(figure *s) {
     s->point = (float *)studio_alloc(3 * (size_t)s->count, sizeof(float));
     s->gradient = (float *)studio_alloc(9 * (size_t)s->count, sizeof(float));
     s->foot = (unsigned char *)studio_alloc((size_t)s->count, 1);
-    if (!s->point || !s->gradient || !s->foot) return -1;
+    s->sorted = (double *)studio_alloc(2 * (size_t)s->count, sizeof(double));
+    if (!s->point || !s->gradient || !s->sorted || !s->foot) return -1;
     if (peri_sample(&shape, s->spacing, s->point, s->count, &s->count, &err)) return studio_error("%s", err.text);
-    studio_bounds(s->point, s->count, lo, hi);
-    for (i = 0; i < s->count; i++) s->foot[i] = s->point[3 * i + 2] < lo[2] + 0.5f * s->spacing;
+    for (i = 0; i < s->count; i++) s->foot[i] = s->point[3 * i + 2] < 0.12f;
     return 0;
 }
 
@@ -174,7 +176,7 @@ static int begin(figure *s, const peri_material *m, int falling, peri_skin_id *s
     peri_error err;
     if (choose_solver(s->options.solver, &def.solver)) return -1;
     def.parallel.threads = s->options.threads;
-    if (falling) def.tolerance = 0.01f; /* a motion, not a measurement */
+    def.tolerance = falling ? 1e-2f : 1e-4f; /* a motion, a measurement */
     s->world = peri_world_create(&def, &err);
     if (!s->world) return studio_error("%s", err.text);
     body.material = peri_material_create(s->world, m);
@@ -209,17 +211,27 @@ static int step(figure *s, float dt) {
     return 0;
 }
 
-/* The smallest determinant and the smallest singular value of the particles' deformation gradients. */
-static int worst(figure *s, double *volume, double *stretch) {
-    int i, k;
+static int ascending(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Lowers *volume and *stretch to the determinant and the smallest singular value of the particles' deformation
+ * gradients, at the particle that only `share` of them are worse than. */
+static int worst(figure *s, double share, double *volume, double *stretch) {
+    int i, k, at = (int)(share * s->count);
     if (peri_body_gradient(s->world, s->body, s->gradient)) return complain(s);
     for (i = 0; i < s->count; i++) {
         double f[9], u[9], sigma[3], v[9];
         for (k = 0; k < 9; k++) f[k] = (double)s->gradient[9 * i + k];
         peri_svd3(f, u, sigma, v);
-        *volume = fmin(*volume, peri_det3(f));
-        *stretch = fmin(*stretch, sigma[2]);
+        s->sorted[i] = peri_det3(f);
+        s->sorted[s->count + i] = sigma[2];
     }
+    qsort(s->sorted, (size_t)s->count, sizeof *s->sorted, ascending);
+    qsort(s->sorted + s->count, (size_t)s->count, sizeof *s->sorted, ascending);
+    *volume = fmin(*volume, s->sorted[at]);
+    *stretch = fmin(*stretch, s->sorted[s->count + at]);
     return 0;
 }
 
@@ -246,9 +258,9 @@ static double head(const figure *s) {
 
 /* Steps until nothing moves any more; backward Euler takes the motion out. */
 static int relax(figure *s, double *left) {
-    const float dt = 0.1f;
+    const float dt = 0.25f;
     int k;
-    for (k = 0, *left = 1; k < s->options.frames && *left > 2e-3; k++) {
+    for (k = 0, *left = 1; k < s->options.frames && *left > AT_REST; k++) {
         if (step(s, dt)) return -1;
         *left = moved(s, dt);
     }
@@ -268,7 +280,7 @@ static int stand(figure *s, int m) {
         gravity.z = -earth * (float)load[k];
         progress(s, material_name[m]);
         bad = peri_world_set_gravity(s->world, gravity) ? complain(s) : relax(s, &s->moved[m][k]);
-        bad = bad || worst(s, &s->smallest, &stretch);
+        bad = bad || worst(s, 0, &s->smallest, &stretch);
         s->height[m][k] = head(s);
         if (!bad && peri_skin_update(s->world, skin, s->stand[m][k].v, s->stand[m][k].n)) bad = complain(s);
     }
@@ -288,7 +300,7 @@ static int fall(figure *s, int b) {
     progress(s, b ? "fall, A4/A4" : "fall, B1/B1");
     s->fallen_volume[b] = s->fallen_stretch[b] = 1;
     for (k = 0; k < 60 && !bad; k++) {
-        bad = step(s, 0.01f) || worst(s, &s->fallen_volume[b], &s->fallen_stretch[b]);
+        bad = step(s, 0.01f) || worst(s, 0.02, &s->fallen_volume[b], &s->fallen_stretch[b]);
         if (!bad && peri_body_measure(s->world, s->body, &m)) bad = complain(s);
         if (bad || m.elastic <= most) continue;
         most = m.elastic;
@@ -363,8 +375,8 @@ static int draw_fall(const figure *s) {
     for (b = 0; b < BASES && !bad; b++) {
         bad = draw(s, &s->fall[b], colour[b ? 2 : 0], 70, &panel);
         studio_text(&panel, 18, 36, 16, ink, name[b]);
-        snprintf(text, sizeof text, "smallest stretch %.2f, smallest volume %.2f", s->fallen_stretch[b],
-                 s->fallen_volume[b]);
+        snprintf(text, sizeof text, "98 %% of it keep volume %.2f, stretch %.2f", s->fallen_volume[b],
+                 s->fallen_stretch[b]);
         studio_text(&panel, 18, 64, 12, ink, text);
         paste(&sheet, &panel, b * W, 0);
     }
@@ -435,10 +447,10 @@ static void check(const figure *s) {
     studio_check("smallest fall of a head with the load", step_down, "m", 0, HUGE_VAL);
     studio_check("smallest volume of a particle, standing", s->smallest, "of rest", 0.05, 1);
     studio_check("particles out of shape, standing", s->unhealthy, "", 0, 0);
-    studio_check("motion left in the last steps", motion, "spacings", 0, 2e-3);
+    studio_check("motion left in the last steps", motion, "spacings", 0, AT_REST);
     studio_check("steps not converged", s->unconverged, "", 0, 0);
-    studio_check("smallest volume in the fall, A4/A4 over B1/B1", s->fallen_volume[1] - s->fallen_volume[0], "", 0, 1);
-    studio_check("smallest stretch in the fall, A4/A4 over B1/B1", s->fallen_stretch[1] - s->fallen_stretch[0], "", 0, 1);
+    studio_check("volume kept by 98 % in the fall, A4/A4 above B1/B1", s->fallen_volume[1] - s->fallen_volume[0], "", 0, 1);
+    studio_check("stretch kept by 98 % in the fall, A4/A4 above B1/B1", s->fallen_stretch[1] - s->fallen_stretch[0], "", 0, 1);
 }
 
 /* ---- main ---- */
@@ -462,6 +474,7 @@ static void release(figure *s) {
     for (k = 0; k < BASES; k++) pose_free(&s->fall[k]);
     free(s->point);
     free(s->gradient);
+    free(s->sorted);
     free(s->foot);
     studio_mesh_free(&s->mesh);
     peri_world_destroy(s->world);

@@ -50,7 +50,8 @@ sum() {
     [ $failed -eq 0 ] && [ $passed -gt 0 ]
 }
 
-# tests/bench/NAME.gp draws NAME.csv where it exists (it finds its files in csv and png); else all columns over the first.
+# tests/bench/NAME.gp draws NAME.csv where it exists (it finds its files in csv and png); else every column
+# but the first by row, which the first one names.
 charts() {
     if ! command -v gnuplot >/dev/null 2>&1; then
         echo "gnuplot not found: apt-get install gnuplot-nox"
@@ -66,9 +67,11 @@ charts() {
 set datafile separator ","
 set terminal pngcairo size 900,600
 set output png
-stats csv skip 1 nooutput
+stats csv using 0 skip 1 nooutput
 set key autotitle columnhead outside
-plot for [c = 2:STATS_columns] csv using 1:c with linespoints
+set xtics rotate
+set logscale y
+plot for [c = 2:STATS_columns] csv using 0:c:xticlabels(1) with linespoints
 GNUPLOT
         fi
         gnuplot -e "csv='$csv'; png='$png'" "$script" && echo "wrote $png" || return 1
