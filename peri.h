@@ -101,7 +101,7 @@ typedef struct peri_world_def {
     peri_integrator integrator; /* PERI_BACKWARD_EULER */
     peri_solver solver;         /* PERI_SOLVER_AUTO */
     int sweeps;                 /* of Chebyshev, 2 to 64; 12 */
-    int lbfgs;                  /* steps remembered by L-BFGS over the matrix, 0 to 8; 5. 0: the papers' plain iteration */
+    int lbfgs; /* steps remembered by L-BFGS over the matrix, 0 to 8; 5. 0: the papers' plain iteration */
     peri_real tolerance;        /* iterations end when no particle is corrected by more, in spacings; 1e-3. Below 1e-6
                                    a float build stalls */
     int max_iterations;         /* of a step; 200 */
@@ -148,8 +148,8 @@ PERI_DEF peri_result peri_world_set_gravity(peri_world *world, peri_vec3 gravity
 /* The last error of this world; its text stays until the next error. */
 PERI_DEF const peri_error *peri_last_error(const peri_world *world);
 
-/* A hash of all that the next step depends on (FNV-1a over positions, velocities, colliders): equal states, equal
-   hashes. */
+/* A hash of the state that the next step starts from (FNV-1a over positions, velocities, history, forces, aims,
+   gravity, colliders, contacts): equal states, equal hashes. */
 PERI_DEF uint64_t peri_world_hash(const peri_world *world);
 
 /* ---- 2  bodies --------------------------------------------------------------------------------------------------- */
@@ -417,9 +417,9 @@ PERI_DEF peri_result peri_world_draw(peri_world *world, const peri_draw *draw);
 #include <omp.h>
 #endif
 
-/* ---- implementation 1: the world's parts -------------------------------------------------------------------------- */
+/* ---- implementation 1: the world's parts ------------------------------------------------------------------------- */
 
-#define PERI__GRAIN 256         /* particles in a piece of a parallel loop; fixed, so that results do not depend on it */
+#define PERI__GRAIN 256 /* particles in a piece of a parallel loop; fixed, so that results do not depend on it */
 #define PERI__HORIZON_MAX 6
 #define PERI__GENERATION(id) ((id).generation)
 
@@ -485,7 +485,7 @@ typedef struct peri__contact {
     double anchor[3];       /* where friction holds the particle, in the collider's frame */
     double force[3];        /* on the particle, N */
     double normal[3], pressure, stiffness, energy;
-    double held;            /* the pressure that limits friction: fixed during a line search, so that there is an energy */
+    double held; /* the pressure that limits friction: fixed during a line search, so that there is an energy */
 } peri__contact;
 
 /* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
@@ -499,7 +499,7 @@ struct peri_world {
     peri_world_def def;
     peri_error error;
     void *buffer;               /* the caller's, or NULL */
-    struct peri__free *heap;    /* free blocks of the buffer */
+    struct peri__free *heap, *spare;    /* free blocks of the buffer: for what has limits; for factors and skins */
     peri__slots bodies, materials, colliders, skins;
     int particles, capacity;    /* of the particle arrays */
     int bonds;
@@ -573,8 +573,8 @@ typedef struct peri__free {
 
 static size_t peri__round_up(size_t bytes) { return (bytes + PERI__UNIT - 1) / PERI__UNIT * PERI__UNIT; }
 
-static void peri__heap_release(peri_world *w, void *ptr, size_t bytes) {
-    peri__free *block = (peri__free *)ptr, **at = &w->heap;
+static void peri__heap_release(peri__free **at, void *ptr, size_t bytes) {
+    peri__free *block = (peri__free *)ptr;
     peri__free *before = NULL;
     while (*at && (char *)*at < (char *)ptr) {
         before = *at;
@@ -593,10 +593,18 @@ static void peri__heap_release(peri_world *w, void *ptr, size_t bytes) {
     }
 }
 
-static void *peri__heap_take(peri_world *w, size_t bytes) {
-    peri__free **at;
+/* One free block; NULL when there is no room for any. */
+static peri__free *peri__heap_begin(char *at, size_t bytes) {
+    peri__free *block = (peri__free *)(void *)at;
+    if (bytes < PERI__UNIT) return NULL;
+    block->bytes = bytes;
+    block->next = NULL;
+    return block;
+}
+
+static void *peri__heap_take(peri__free **at, size_t bytes) {
     bytes = peri__round_up(bytes);
-    for (at = &w->heap; *at; at = &(*at)->next) {
+    for (; *at; at = &(*at)->next) {
         peri__free *block = *at, *rest;
         if (block->bytes < bytes) continue;
         if (block->bytes == bytes) {
@@ -612,16 +620,15 @@ static void *peri__heap_take(peri_world *w, size_t bytes) {
     return NULL;
 }
 
-/* All memory of a world goes through here: the buffer or the hook, counted. Same contract as peri_allocator. */
-static void *peri__world_resize(void *ptr, size_t old_bytes, size_t new_bytes, void *user) {
-    peri_world *w = (peri_world *)user;
+/* All memory of a world goes through here: a heap of its buffer or the hook, counted. Contract of peri_allocator. */
+static void *peri__take(peri_world *w, peri__free **heap, void *ptr, size_t old_bytes, size_t new_bytes) {
     void *result;
     if (!ptr) old_bytes = 0;
     if (w->buffer) {
-        result = new_bytes ? peri__heap_take(w, new_bytes) : NULL;
+        result = new_bytes ? peri__heap_take(heap, new_bytes) : NULL;
         if (new_bytes && !result) return NULL;
         if (result && ptr) memcpy(result, ptr, old_bytes < new_bytes ? old_bytes : new_bytes);
-        if (ptr) peri__heap_release(w, ptr, old_bytes);
+        if (ptr) peri__heap_release(heap, ptr, old_bytes);
     } else {
         result = peri__resize(&w->def.memory, ptr, old_bytes, new_bytes);
         if (new_bytes && !result) return NULL;
@@ -633,9 +640,21 @@ static void *peri__world_resize(void *ptr, size_t old_bytes, size_t new_bytes, v
     return result;
 }
 
-static peri_allocator peri__memory(peri_world *w) {
+static void *peri__world_resize(void *ptr, size_t old_bytes, size_t new_bytes, void *user) {
+    peri_world *w = (peri_world *)user;
+    return peri__take(w, &w->heap, ptr, old_bytes, new_bytes);
+}
+
+/* Factors and skins have no limit in the definition: in a buffer they get spare_bytes and no more, so that they never
+   take what a body within the limits was promised. */
+static void *peri__spare_resize(void *ptr, size_t old_bytes, size_t new_bytes, void *user) {
+    peri_world *w = (peri_world *)user;
+    return peri__take(w, &w->spare, ptr, old_bytes, new_bytes);
+}
+
+PERI__SHARED peri_allocator peri__spare(peri_world *w) {
     peri_allocator a;
-    a.resize = peri__world_resize;
+    a.resize = peri__spare_resize;
     a.user = w;
     return a;
 }
@@ -663,7 +682,8 @@ static peri_result peri__reserve(peri_world *w, int particles, unsigned wants, i
     void **array[PERI__ROWS + 1];
     size_t bytes[PERI__ROWS + 1];
     unsigned want[PERI__ROWS + 1];
-    int n, k, capacity = w->capacity;
+    int n, k, capacity = w->capacity, stride_before = w->stride;
+    unsigned wants_before = w->wants;
     if (particles > capacity) {
         capacity += capacity / 2;
         if (capacity < particles) capacity = particles;
@@ -680,7 +700,11 @@ static peri_result peri__reserve(peri_world *w, int particles, unsigned wants, i
             return peri__fail(&w->error, PERI_ERROR_LIMIT, "%d particles pass size_t", capacity);
         if (need <= held) continue;
         bad = peri__grow(w, array[k], held, need, 1);
-        if (bad) return bad;
+        if (bad) {
+            w->wants = wants_before;
+            w->stride = stride_before;
+            return bad;
+        }
         w->row_bytes[k] = need;
     }
     w->capacity = capacity;
@@ -736,7 +760,9 @@ static peri__slot *peri__slot_find(const peri__slots *s, uint32_t index1, uint32
     return slot && slot->generation == generation ? slot : NULL;
 }
 
-static peri__body *peri__body_at(const peri_world *w, int k) { return (peri__body *)(void *)peri__slot_at(&w->bodies, k); }
+static peri__body *peri__body_at(const peri_world *w, int k) {
+    return (peri__body *)(void *)peri__slot_at(&w->bodies, k);
+}
 
 static peri__body *peri__body_find(const peri_world *w, peri_body_id id) {
     return w ? (peri__body *)(void *)peri__slot_find(&w->bodies, id.index1, id.generation) : NULL;
@@ -1919,8 +1945,9 @@ static peri_result peri__finite3(const char *name, const peri_real *v, int count
     int k;
     for (k = 0; k < 3 * count; k++)
         if (!peri__finite((double)v[k]) || fabs((double)v[k]) > 1e15)
-            return peri__fail(err, PERI_ERROR_VALUE, "%s: component %d of entry %d is %g; it must be finite and below 1e15",
-                              name, k % 3, k / 3, (double)v[k]);
+            return peri__fail(err, PERI_ERROR_VALUE,
+                              "%s: component %d of entry %d is %g; it must be finite and below 1e15", name, k % 3,
+                              k / 3, (double)v[k]);
     return PERI_OK;
 }
 
@@ -1935,14 +1962,19 @@ static peri_result peri__check_int(const char *name, int value, int low, int hig
     return peri__fail(err, PERI_ERROR_VALUE, "%s is %d; it must lie between %d and %d", name, value, low, high);
 }
 
+static peri_result peri__check_enum(const char *name, int value, int most, peri_error *err) {
+    if (value >= 0 && value <= most) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_ARGUMENT, "%s is %d, which names nothing", name, value);
+}
+
 static peri_result peri__check_world_def(const peri_world_def *d, peri_error *err) {
     peri_result bad;
     if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the world's definition is NULL");
     if (d->cookie != PERI__COOKIE + 1)
         return peri__fail(err, PERI_ERROR_ARGUMENT, "the world's definition was not made by peri_default_world_def");
     bad = peri__finite_vec("gravity", d->gravity, err);
-    if (!bad) bad = peri__check_int("integrator", (int)d->integrator, 0, (int)PERI_BDF2, err);
-    if (!bad) bad = peri__check_int("solver", (int)d->solver, 0, (int)PERI_SOLVER_POSITION, err);
+    if (!bad) bad = peri__check_enum("integrator", (int)d->integrator, (int)PERI_BDF2, err);
+    if (!bad) bad = peri__check_enum("solver", (int)d->solver, (int)PERI_SOLVER_POSITION, err);
     if (!bad) bad = peri__check_int("sweeps", d->sweeps, 2, 64, err);
     if (!bad) bad = peri__check_int("lbfgs", d->lbfgs, 0, PERI_LBFGS_MAX, err);
     if (!bad) bad = peri__check_range("tolerance", (double)d->tolerance, 1e-14, 1, err);
@@ -2002,8 +2034,8 @@ static int peri__world_layout(const peri_world_def *d, peri__layout_total *t) {
     t->rows = particles * per_particle;
     t->contacts = d->max_colliders ? 4 * particles * sizeof(peri__contact) : 0;
     t->bodies = peri__body_bytes(d, particles, (size_t)d->max_bonds, (size_t)d->max_bodies);
-    t->all = peri__round_up(sizeof(peri_world)) + t->slots + t->rows + t->contacts + t->bodies + d->spare_bytes +
-             (size_t)(PERI__ROWS + 16) * PERI__UNIT;
+    t->all = peri__round_up(sizeof(peri_world)) + peri__round_up(t->slots + t->rows + t->contacts + t->bodies) +
+             peri__round_up(d->spare_bytes) + (size_t)(PERI__ROWS + 16) * PERI__UNIT;
     return 1;
 }
 
@@ -2064,22 +2096,22 @@ static peri_result peri__reserve_all(peri_world *w) {
 peri_world *peri_world_create_in(const peri_world_def *def, void *buffer, size_t bytes, peri_error *err) {
     peri__layout_total t;
     peri_world *w = (peri_world *)buffer;
-    size_t head = peri__round_up(sizeof *w);
+    size_t head = peri__round_up(sizeof *w), own;
     if (peri__check_world_def(def, err)) return NULL;
     if (!buffer || ((uintptr_t)buffer & (sizeof(double) - 1))) {
         peri__fail(err, PERI_ERROR_ARGUMENT, "buffer is NULL or not aligned as malloc's");
         return NULL;
     }
     if (!peri__world_layout(def, &t) || bytes < t.all) {
-        peri__fail(err, PERI_ERROR_LIMIT, "the buffer has %zu bytes; this definition takes %zu (peri_world_size)", bytes,
-                   peri_world_size(def));
+        peri__fail(err, PERI_ERROR_LIMIT, "the buffer has %zu bytes; this definition takes %zu (peri_world_size)",
+                   bytes, peri_world_size(def));
         return NULL;
     }
     peri__world_begin(w, def);
     w->buffer = buffer;
-    w->heap = (peri__free *)(void *)((char *)buffer + head);
-    w->heap->bytes = (bytes - head) / PERI__UNIT * PERI__UNIT;
-    w->heap->next = NULL;
+    own = t.all - head - peri__round_up(def->spare_bytes);
+    w->heap = peri__heap_begin((char *)buffer + head, own);
+    w->spare = peri__heap_begin((char *)buffer + head + own, (bytes - head - own) / PERI__UNIT * PERI__UNIT);
     w->stats.bytes = head;
     if (peri__reserve_all(w)) {
         if (err) *err = w->error;
@@ -2161,6 +2193,7 @@ static int peri__grid_cell(const peri__grid *g, const double *x) {
 static void peri__grid_free(peri_world *w, peri__grid *g) {
     peri__drop(w, g->start, g->start_bytes);
     peri__drop(w, g->order, g->order_bytes);
+    g->start = g->order = NULL;
 }
 
 /* Cells at least `size` wide, fewer than 4 n + 64 of them. */
@@ -2252,7 +2285,8 @@ static double peri__kernel(const peri_body_def *d, double r, double delta) {
 static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
     size_t r = sizeof(peri_real), n = (size_t)b->count, m = (size_t)bonds, at = 0;
     int c;
-#define PERI__PART(field, type, bytes) (b->field = base ? (type *)(void *)(base + at) : NULL, at += peri__round_up(bytes))
+#define PERI__PART(field, type, bytes) \
+    (b->field = base ? (type *)(void *)(base + at) : NULL, at += peri__round_up(bytes))
     PERI__PART(row, int, (n + 1) * sizeof(int));
     PERI__PART(col, int, m * sizeof(int));
     for (c = 0; c < 3; c++) PERI__PART(xi[c], peri_real, m * r);
@@ -2360,9 +2394,10 @@ static peri_result peri__bonds_count(peri_world *w, peri__body *b, peri__making 
                               "points %d and %d coincide (%g m apart, spacing %g m): remove one", i, closest,
                               sqrt(square), b->spacing);
         if (total + w->bonds > (double)w->def.max_bonds)
-            return peri__fail(&w->error, PERI_ERROR_LIMIT,
-                              "more than %d bonds: raise max_bonds of the world, or lower the horizon or check the spacing",
-                              w->def.max_bonds);
+            return peri__fail(
+                &w->error, PERI_ERROR_LIMIT,
+                "more than %d bonds: raise max_bonds of the world, or lower the horizon or check the spacing",
+                w->def.max_bonds);
     }
     make->bonds = (int)total;
     return PERI_OK;
@@ -2466,13 +2501,14 @@ static void peri__vec(peri_vec3 v, double out[3]) {
 }
 
 static peri_result peri__check_body_arrays(const peri_body_def *d, peri_error *err) {
-    double most = 1e3 * pow((double)d->spacing, 3), least = 1e-3 * pow((double)d->spacing, 3);
+    double cube = (double)d->spacing * (double)d->spacing * (double)d->spacing, most = 1e3 * cube, least = 1e-3 * cube;
     peri_result bad = peri__finite3("points", d->points, d->count, err);
     int i;
     for (i = 0; i < d->count && d->volumes && !bad; i++)
         if (!((double)d->volumes[i] > least && (double)d->volumes[i] < most))
-            bad = peri__fail(err, PERI_ERROR_VALUE, "volumes[%d] is %g m^3; it must lie between %g and %g (spacing^3 = %g)",
-                             i, (double)d->volumes[i], least, most, least * 1e3);
+            bad = peri__fail(err, PERI_ERROR_VALUE,
+                             "volumes[%d] is %g m^3; it must lie between %g and %g (spacing^3 = %g)", i,
+                             (double)d->volumes[i], least, most, least * 1e3);
     return bad;
 }
 
@@ -2491,7 +2527,7 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
                           (unsigned)d->material.index1, (unsigned)d->material.generation);
     bad = peri__check_range("spacing", (double)d->spacing, 1e-9, 1e9, err);
     if (!bad) bad = peri__check_range("horizon", (double)d->horizon, 1, PERI__HORIZON_MAX, err);
-    if (!bad) bad = peri__check_int("kernel", (int)d->kernel, 0, (int)PERI_KERNEL_SHIFTED, err);
+    if (!bad) bad = peri__check_enum("kernel", (int)d->kernel, (int)PERI_KERNEL_SHIFTED, err);
     if (!bad) bad = peri__check_range("kernel_power", (double)d->kernel_power, -4, 4, err);
     if (!bad) bad = peri__check_range("contact_radius", (double)d->contact_radius, 0, 2, err);
     if (!bad) bad = peri__finite_vec("position", d->position, err);
@@ -2736,8 +2772,8 @@ static peri_result peri__range(peri_world *w, peri_body_id id, int first, int co
     peri_result bad = PERI_OK;
     if (!b) return peri__no_body(w, id);
     if (first < 0 || count < 0 || first > b->count - count)
-        bad = peri__fail(&w->error, PERI_ERROR_INDEX, "particles %d to %d: the body has 0 to %d", first,
-                         first + count - 1, b->count - 1);
+        bad = peri__fail(&w->error, PERI_ERROR_INDEX, "particles: %d from %d on; the body has 0 to %d", count, first,
+                         b->count - 1);
     else if (values) bad = peri__finite3(name, values, count, &w->error);
     *out = b;
     return peri__report(w, bad);
@@ -2820,7 +2856,7 @@ peri_result peri_body_move(peri_world *w, peri_body_id id, int particle, peri_ve
     return PERI_OK;
 }
 
-/* ---- implementation 7: colliders ---------------------------------------------------------------------------------- */
+/* ---- implementation 7: colliders --------------------------------------------------------------------------------- */
 
 peri_collider_def peri_default_collider_def(void) {
     peri_collider_def d;
@@ -2858,13 +2894,14 @@ static peri_result peri__check_collider(const peri_collider_def *d, peri_error *
     peri_result bad;
     if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the collider's definition is NULL");
     if (d->cookie != PERI__COOKIE + 3)
-        return peri__fail(err, PERI_ERROR_ARGUMENT, "the collider's definition was not made by peri_default_collider_def");
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "the collider's definition was not made by peri_default_collider_def");
     bad = peri__shape_check(&d->shape, 1, err);
     if (!bad) bad = peri__finite_vec("position", d->position, err);
     if (!bad) bad = peri__check_quat("rotation", d->rotation, err);
     if (!bad) bad = peri__finite_vec("velocity", d->velocity, err);
     if (!bad) bad = peri__finite_vec("spin", d->spin, err);
-    if (!bad) bad = peri__check_int("type", (int)d->type, 0, (int)PERI_FRICTION_STICK, err);
+    if (!bad) bad = peri__check_enum("type", (int)d->type, (int)PERI_FRICTION_STICK, err);
     if (!bad) bad = peri__check_range("friction", (double)d->friction, 0, 10, err);
     return bad;
 }
@@ -3293,8 +3330,8 @@ static void peri__matrix_values(peri_world *w, peri__body *b, double h) {
     b->wasted = 0;
 }
 
-/* Contacts stiffen the matrix where they touch, or (guessing, before a solve) where they did and have hardly left. Writes
-   that into pinned when `take` is set; returns the number of particles that differ from it. p serves as scratch. */
+/* Contacts stiffen the matrix where they touch, or (guessing, before a solve) where they did and have hardly left.
+   Writes that into pinned when `take` is set; returns the number of particles that differ from it. p serves as scratch. */
 static int peri__matrix_pin(peri_world *w, peri__body *b, int begin, int guessing, int take) {
     peri_real *wanted = w->p + 3 * (size_t)b->first;
     int i, differ = 0;
@@ -3330,7 +3367,7 @@ static peri_matrix peri__matrix(const peri__body *b) {
 /* Factorises; where that is impossible AUTO falls back on Chebyshev. */
 static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
     peri_matrix a = peri__matrix(b);
-    peri_allocator memory = peri__memory(w);
+    peri_allocator memory = peri__spare(w);
     peri_error err;
     peri_result bad = PERI_OK;
     if (!b->factor) {
@@ -3442,8 +3479,8 @@ static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
 }
 
 /* ---- implementation 12: the solve --------------------------------------------------------------------------------
-   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contact of one body: quasi-Newton on the constant matrix (SH section 5.2; for
-   the projective model this is PP's local/global iteration), L-BFGS over it, and a line search on the slope, because a
+   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contact of one body: quasi-Newton on the constant matrix (SH section 5.2;
+   for the projective model this is PP's local/global iteration), L-BFGS over it, and a line search on the slope, because a
    difference of energies in float is noise. */
 
 typedef struct peri__solve {
@@ -3512,8 +3549,8 @@ static double peri__largest(const peri_real *p, int n) {
 
 #define PERI__NOISE (sizeof(peri_real) > 4 ? 1e-12 : 1e-6)      /* of an energy, relative */
 
-/* Goes along p from where x is, as far as the slope allows; leaves the gradient there in g1. Returns the share of p that
-   was gone, 0 when no share would do. */
+/* Goes along p from where x is, as far as slope and energy allow; leaves the gradient there in g1. Returns the share of
+   p that was gone, 0 when no share would do. */
 static double peri__search(peri__solve *s) {
     const peri_parallel *par = &s->w->def.parallel;
     double slope = peri_dot(par, s->n, s->g, s->p), alpha = 1, slope1, shrink;
@@ -3752,7 +3789,8 @@ static void peri__centre(const peri_world *w, const peri__body *b, const double 
 }
 
 /* Inertia tensor about centre (Voigt, of the positions x). */
-static void peri__inertia(const peri_world *w, const peri__body *b, const double *x, const double centre[3], double t[9]) {
+static void peri__inertia(const peri_world *w, const peri__body *b, const double *x, const double centre[3],
+                          double t[9]) {
     size_t i, end = (size_t)b->first + (size_t)b->count;
     int c, d;
     for (c = 0; c < 9; c++) t[c] = 0;
@@ -3959,6 +3997,10 @@ uint64_t peri_world_hash(const peri_world *w) {
     hash = peri__hash_bytes(hash, w->v, n * sizeof *w->v);
     hash = peri__hash_bytes(hash, w->v0, n * sizeof *w->v0);
     hash = peri__hash_bytes(hash, w->flags, (size_t)w->particles);
+    hash = peri__hash_bytes(hash, &w->def.gravity, sizeof w->def.gravity);
+    if (w->wants & PERI__WANT_FORCE) hash = peri__hash_bytes(hash, w->force, n * sizeof *w->force);
+    if (w->wants & PERI__WANT_AIM) hash = peri__hash_bytes(hash, w->aim, n * sizeof *w->aim);
+    if (w->def.integrator == PERI_BDF2) hash = peri__hash_bytes(hash, w->back, n * sizeof *w->back);
     for (k = 0; k < w->colliders.capacity; k++) {
         const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, k);
         if (!c) continue;
@@ -4125,7 +4167,7 @@ peri_result peri_body_values(peri_world *w, peri_body_id id, peri_value value, p
     peri_result bad;
     int i;
     if (!w) return PERI_ERROR_ARGUMENT;
-    bad = peri__check_int("value", (int)value, 0, (int)PERI_VALUE_SPEED, &w->error);
+    bad = peri__check_enum("value", (int)value, (int)PERI_VALUE_SPEED, &w->error);
     if (bad) return peri__report(w, bad);
     bad = peri__look(w, id, out, &p);
     for (i = 0; !bad && i < p.b->count; i++) out[i] = (peri_real)peri__value(w, &p, i, value);
@@ -4205,8 +4247,8 @@ peri_result peri_world_draw(peri_world *w, const peri_draw *draw) {
     int k;
     if (!w) return PERI_ERROR_ARGUMENT;
     if (!draw) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "draw is NULL"));
-    bad = peri__check_int("value", (int)draw->value, 0, (int)PERI_VALUE_SPEED, &w->error);
-    if (!bad && !(draw->high > draw->low))
+    bad = peri__check_enum("value", (int)draw->value, (int)PERI_VALUE_SPEED, &w->error);
+    if (!bad && (!(draw->high > draw->low) || !peri__finite((double)draw->high - (double)draw->low)))
         bad = peri__fail(&w->error, PERI_ERROR_VALUE, "high is %g and low %g: high must be above low",
                          (double)draw->high, (double)draw->low);
     for (k = 0; !bad && k < w->bodies.capacity; k++) {
@@ -4217,13 +4259,13 @@ peri_result peri_world_draw(peri_world *w, const peri_draw *draw) {
 }
 #endif
 
-/* ---- implementation 15: skins of the world ------------------------------------------------------------------------ */
+/* ---- implementation 15: skins of the world ----------------------------------------------------------------------- */
 #ifndef PERI_NO_SKINNING
 
 static void peri__skin_drop(peri_world *w, peri__skin *s) {
-    peri_allocator memory = peri__memory(w);
+    peri_allocator memory = peri__spare(w);
     peri__skin_free(&s->data, &memory);
-    peri__drop(w, s->gradient, s->gradient_bytes);
+    if (s->gradient) peri__spare_resize(s->gradient, s->gradient_bytes, 0, w);
     peri__slot_free(&w->skins, &s->slot);
 }
 
@@ -4263,13 +4305,13 @@ peri_skin_id peri_skin_create(peri_world *w, peri_body_id body, const peri_real 
         peri__report(w, w->error.code);
         return id;
     }
-    memory = peri__memory(w);
+    memory = peri__spare(w);
     made = *s;
     bad = peri__skin_bind(b->points, b->count, (peri_real)b->spacing, vertices, vertex_count, triangles, triangle_count,
                           &made.data, &memory, &w->error);
     if (!bad) {
         made.gradient_bytes = 9 * (size_t)b->count * sizeof(peri_real);
-        made.gradient = (peri_real *)peri__world_resize(NULL, 0, made.gradient_bytes, w);
+        made.gradient = (peri_real *)peri__spare_resize(NULL, 0, made.gradient_bytes, w);
         if (!made.gradient) {
             peri__skin_free(&made.data, &memory);
             bad = peri__no_memory(w, made.gradient_bytes);

@@ -111,7 +111,7 @@ typedef struct peri_material {
 /* PERI_OK, or what is wrong with m, in a sentence. */
 PERI_DEF peri_result peri_material_check(const peri_material *m, peri_error *err);
 
-/* ---- 2  presets: Young's modulus (Pa), Poisson's ratio, density (kg/m^3) ------------------------------------------ */
+/* ---- 2  presets: Young's modulus (Pa), Poisson's ratio, density (kg/m^3) ----------------------------------------- */
 
 /* Projective model. Poisson's ratio is 1/4. bending (0 to 1): share of the Young's modulus that resists through
    |Fbar n|, hence bending and non-affine motion of thin bodies; 0.5 is a good default. a = 3 E bending,
@@ -291,7 +291,8 @@ double peri_basis_value(const peri_basis *f, double s, double *first) {
 
 static peri_material peri__material(peri_model model, peri_real young, peri_real poisson, peri_real density) {
     peri_material m;
-    double e = (double)young, nu = (double)poisson, mu = e / (2 * (1 + nu)), lambda = e * nu / ((1 + nu) * (1 - 2 * nu));
+    double e = (double)young, nu = (double)poisson, mu = e / (2 * (1 + nu)),
+           lambda = e * nu / ((1 + nu) * (1 - 2 * nu));
     memset(&m, 0, sizeof m);
     m.cookie = PERI__COOKIE;
     m.model = model;
@@ -388,8 +389,8 @@ static peri_result peri__check_basis(const char *name, const peri_basis *f, peri
     if (f->user) {
         value = f->user(1, &slope, f->context);
         if (!(fabs(value) < 1e-9) || !(fabs(slope) < 1e-9))
-            return peri__fail(err, PERI_ERROR_VALUE, "%s.user has f(1) = %g and f'(1) = %g; both must be 0", name, value,
-                              slope);
+            return peri__fail(err, PERI_ERROR_VALUE, "%s.user has f(1) = %g and f'(1) = %g; both must be 0", name,
+                              value, slope);
     } else if (!(sum > 0)) {
         return peri__fail(err, PERI_ERROR_VALUE, "%s has no basis function: set a coefficient of a, b or svk", name);
     }
@@ -450,7 +451,8 @@ peri_result peri_material_check(const peri_material *m, peri_error *err) {
     peri_result bad;
     if (!m) return peri__fail(err, PERI_ERROR_ARGUMENT, "material is NULL");
     if (m->cookie != PERI__COOKIE)
-        return peri__fail(err, PERI_ERROR_ARGUMENT, "material was not made by a preset such as peri_material_neo_hookean");
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "material was not made by a preset such as peri_material_neo_hookean");
     bad = peri__check_range("density", (double)m->density, 1e-6, 1e9, err);
     if (!bad) bad = peri__check_range("young", (double)m->young, 1e-6, 1e15, err);
     if (!bad) bad = peri__check_range("poisson", (double)m->poisson, -0.999, 0.4999, err);
@@ -933,7 +935,7 @@ typedef struct peri__model_row {
     peri__force *force;
 } peri__model_row;
 
-static const peri__model_row *peri__model(peri_model model) {
+PERI__SHARED const peri__model_row *peri__model(peri_model model) {
     static const peri__model_row table[3] = {
         {"projective", PERI__PROJECTIVE_STRIDE, peri__projective_local, peri__projective_pull, peri__projective_force},
         {"stretch", 2, peri__stretch_local, peri__stretch_pull, peri__stretch_force},
@@ -952,15 +954,16 @@ static void peri__restored_pull(const peri__matter *m, const peri_real *fhat, pe
 }
 
 /* The pull of a particle of whatever mode. */
-static void peri__special_pull(const peri__bonds *b, const peri__matter *m, int i, const peri__bond *o, peri_real t[3]) {
+static void peri__special_pull(const peri__bonds *b, const peri__matter *m, int i, const peri__bond *o,
+                               peri_real t[3]) {
     const peri_real *special = b->special + 9 * (size_t)i;
     if (b->mode[i] == PERI__RESTORED) peri__restored_pull(m, special, (peri_real)b->unit * b->share[i], o, t);
     else peri__stretch_pull(m, special, o, t);
 }
 
 /* Coefficients and energy of the particles whose mode is not PERI__MAIN. */
-static double peri__special_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
-                                  int energy) {
+PERI__SHARED double peri__special_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin,
+                                        int end, int energy) {
     double sum = 0;
     int i, k;
     for (i = begin; i < end; i++) {
@@ -981,7 +984,7 @@ static double peri__special_local(const peri__bonds *b, const peri__matter *m, c
 }
 
 /* Adds their forces on particles begin .. end - 1, at both ends of their bonds. */
-static void peri__special_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
+PERI__SHARED void peri__special_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                                 peri_real *f) {
     int i, k, c;
     for (i = begin; i < end; i++) {
@@ -1027,9 +1030,9 @@ static void peri__matter_make(const peri_material *source, peri__matter *m) {
     m->restore = (peri_real)(shear * (double)source->restore);
 }
 
-/* Is a particle out of shape? f: its Fbar; h: its C - 1, or NULL. Then fhat (9) is the shape to restore: singular values
-   of Fbar made positive (the smallest one flips) and clamped to [0.5, 1.5]. */
-static int peri__unhealthy(const peri__matter *m, const double f[9], const double *h, peri_real *fhat) {
+/* Is a particle out of shape? f: its Fbar; h: its C - 1, or NULL. Then fhat (9) is the shape to restore: singular
+   values of Fbar made positive (the smallest one flips) and clamped to [0.5, 1.5]. */
+PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const double *h, peri_real *fhat) {
     double low = (double)m->m.healthy_min, high = (double)m->m.healthy_max, c[6], u[9], sigma[3], v[9], t[9], away = 0;
     int i, j, k, bad;
     if (!(m->restore > 0)) return 0;
@@ -1131,7 +1134,8 @@ static double peri__point_law(const peri_material *m, const double f[9], double 
     double h[6], dpsi[6], value;
     int i, j, k;
     for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++) h[place[3 * i + j]] = f[i] * f[j] + f[3 + i] * f[3 + j] + f[6 + i] * f[6 + j] - (i == j);
+        for (j = 0; j < 3; j++)
+            h[place[3 * i + j]] = f[i] * f[j] + f[3 + i] * f[3 + j] + f[6 + i] * f[6 + j] - (i == j);
     value = peri_law_value(m, h, dpsi);
     for (i = 0; i < 3 && p; i++)
         for (j = 0; j < 3; j++)

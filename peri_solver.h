@@ -78,9 +78,10 @@
 
 #ifdef PERI_DOUBLE
 typedef double peri_real;
-/* A float caller linked with a double implementation must not link: these two symbols differ. */
+/* A float caller linked with a double implementation must not link: one symbol of each floor differs. */
 #define peri_world_create peri_world_create_double
 #define peri_cholesky_create peri_cholesky_create_double
+#define peri_material_check peri_material_check_double
 #else
 typedef float peri_real;
 #endif

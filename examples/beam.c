@@ -27,7 +27,7 @@ static const float ink[3] = {0.13f, 0.15f, 0.19f};
 static const studio_app app = {"beam",
                                "Beams: one answer for three time steps, finite elements, basis functions, Poisson's\n"
                                "ratios (PP figure 1, SH figures 4 and 8).\n"
-                               "models (of the falling beam): neo_hookean linear projective papers stvk stvk_exact stable\n"
+                               "models (falling beam): neo_hookean linear projective papers stvk stvk_exact stable\n"
                                "solvers: auto cholesky jacobi chebyshev position\n"
                                "--frames is the time of the falling beams in steps of 16 ms\n",
                                NULL, 94};
@@ -231,7 +231,8 @@ static int fall_plot(const fall *f, const studio_options *o) {
     int way, k, i, series, bad;
     FILE *csv = studio_csv(o->out, "tip.csv", "integrator,step_ms,time_s,tip_m");
     if (!csv) return -1;
-    studio_plot_begin(&plot, "Tip of a beam falling under gravity, three time steps", "time, s", "height of the tip, m");
+    studio_plot_begin(&plot, "Tip of a beam falling under gravity, three time steps", "time, s",
+                      "height of the tip, m");
     for (way = 0; way < WAYS; way++)
         for (k = 0; k < STEPS; k++) {
             snprintf(name, sizeof name, "%s, %.0f ms", way_name[way], step_ms[k]);
@@ -287,7 +288,7 @@ static int draw_fall(fall *f, int way, studio_image *im) {
         const peri_real *x = peri_body_positions(b->world, b->body);
         for (side = 0; side < 2; side++)
             for (layer = GRIP; layer < b->layers; layer++) {
-                const peri_real *p = x + 3 * (size_t)((layer - 1) * n * n + side * n * (n - 1)), *q = p + 3 * (size_t)(n * n);
+                const peri_real *p = x + 3 * ((layer - 1) * n * n + side * n * (n - 1)), *q = p + 3 * n * n;
                 float from[3], to[3];
                 studio_set(from, (float)p[0], -0.115f - 0.002f * (float)k, (float)p[2]);
                 studio_set(to, (float)q[0], -0.115f - 0.002f * (float)k, (float)q[2]);
@@ -601,7 +602,8 @@ static void check_thinner(const studio_options *o) {
         for (k = 0; k < RATIOS; k++) {
             double got = 0;
             int bad = measure_contraction("neo_hookean", ratio[k], kernel, o, &got);
-            snprintf(name, sizeof name, "Poisson's ratio, neo_hookean, %s kernel, asked %g", kernel_name[kernel], ratio[k]);
+            snprintf(name, sizeof name, "Poisson's ratio, neo_hookean, %s kernel, asked %g", kernel_name[kernel],
+                     ratio[k]);
             studio_check(name, bad ? HUGE_VAL : got, "", ratio[k] - 0.02, ratio[k] + 0.02);
         }
 }
@@ -615,8 +617,8 @@ static int picture_thinner(const studio_options *o) {
     for (k = 0; k < RATIOS && !bad; k++) {
         bad = choose_material("neo_hookean", ratio[k], &d.material) || stretch(&b[k], &d, 0.6, o);
     }
-    bad = bad || picture_stack(b, RATIOS, PERI_VALUE_STRESS, 8e4, 1000, note, "Stretched to 1.6 with three Poisson's ratios",
-                               "Mises, kPa", "poisson.png", o);
+    bad = bad || picture_stack(b, RATIOS, PERI_VALUE_STRESS, 8e4, 1000, note,
+                               "Stretched to 1.6 with three Poisson's ratios", "Mises, kPa", "poisson.png", o);
     for (k = 0; k < RATIOS; k++) beam_end(&b[k]);
     return bad;
 }

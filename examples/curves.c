@@ -21,8 +21,9 @@
 enum { NEO_HOOKEAN, STVK_EXACT, STABLE, LINEAR, PAPERS, STVK, PROJECTIVE, MODELS };
 static const char *const model_name[MODELS] = {"neo_hookean", "stvk_exact", "stable", "linear",
                                                "papers",      "stvk",       "projective"};
-static const char *const model_says[MODELS] = {"neo-Hookean",     "St. Venant-Kirchhoff", "stable neo-Hookean", "linear B1/B1",
-                                               "papers' A1/A1", "svk/svk",             "projective"};
+static const char *const model_says[MODELS] = {"neo-Hookean",  "St. Venant-Kirchhoff", "stable neo-Hookean",
+                                               "linear B1/B1", "papers' A1/A1",        "svk/svk",
+                                               "projective"};
 
 static const double young = 1e5, density = 1000;
 

@@ -342,8 +342,9 @@ static int begin_matching(run *r, int local) {
     r->member = (int *)studio_alloc((size_t)(local ? 27 : 1) * (size_t)n, sizeof(int));
     if (!r->cluster || !r->member) return -1;
     for (i = 0; i < r->clusters; i++) {
+        const peri_real *centre = r->s->rest + 3 * i;
         for (j = 0; j < n; j++)
-            if (!local || distance(r->s->rest + 3 * i, r->s->rest + 3 * j) < 1.75 * r->s->spacing) r->member[used++] = j;
+            if (!local || distance(centre, r->s->rest + 3 * j) < 1.75 * r->s->spacing) r->member[used++] = j;
         r->cluster[i + 1] = used;
     }
     return 0;
@@ -507,7 +508,7 @@ static void tabulate_contraction(const studio_options *o, const char *model) {
     double ratio;
     char name[80];
     int k;
-    if (!o->check) printf("\nlateral contraction / stretch of a bar pulled by 4 %% (a material with Poisson's ratio 0.25)\n");
+    if (!o->check) printf("\nlateral contraction / stretch of a bar pulled by 4 %%, Poisson's ratio 0.25 asked for\n");
     for (k = 0; k < METHODS; k++) {
         int bad = contraction(k, o, model, &ratio);
         snprintf(name, sizeof name, "lateral contraction, %s", method_name[k]);
@@ -591,7 +592,7 @@ static void gallery_end(gallery *g) {
     free(g->away);
 }
 
-/* Columns of the still picture at frame f: the start, the library after 3 and 12 steps and at the end, the others at the end. */
+/* Columns of the still picture at frame f: the start; the library after 3 and 12 steps; all methods at the end. */
 static void draw_still(gallery *g, studio_image *im, int f, int last) {
     static const int frame[4] = {0, 3, 12, INT_MAX};
     int k, c;

@@ -1,9 +1,9 @@
 /* tests/bench/step.c - what a whole step costs: a beam of 57 x 21 x 21 = 25 137 particles (0.98 x 0.36 x 0.36 m), one end
    held, gravity switched on at rest, 26 neighbours, h = 1/30 s, E = 1e5 Pa, nu 0.3 (projective 1/4), tolerance 1e-3
-   spacings; every model, 1 and 2 threads where OpenMP is compiled in. The table goes to the standard error, CSV to the
-   standard output. Times are medians over the steps after the first, which factorises (wall clock with OpenMP, else
-   processor time); the ratio is to the correspondence model, one thread, of the same run. Argument quick: a beam of
-   29 x 11 x 11. */
+   spacings; every model, 1 and 2 threads where OpenMP is compiled in. Prints a table and writes CSV to the file named as
+   the first argument. Times are wall clock (median over the steps after the first, which factorises); the ratio is
+   milliseconds over those of the correspondence model, one thread, of the same run. SIZE=quick (second argument): a
+   beam of 29 x 11 x 11. */
 #ifdef _OPENMP
 #include <omp.h>
 #endif
@@ -82,9 +82,10 @@ static int run(int along, int across, const peri_material *m, int threads, resul
 }
 
 int main(int argc, char **argv) {
-    int quick = argc > 1 && strcmp(argv[1], "quick") == 0, along = quick ? 29 : 57, across = quick ? 11 : 21, k, t;
+    int quick = argc > 2 && strcmp(argv[2], "quick") == 0, along = quick ? 29 : 57, across = quick ? 11 : 21, k, t;
     int most = 1;
     double unit = 0;
+    FILE *csv = argc > 1 ? fopen(argv[1], "w") : NULL;
     peri_material m[4];
     static const char *name[4] = {"correspondence", "stretch", "stretch A1/A1", "projective"};
     m[0] = peri_material_neo_hookean(1e5f, 0.3f, 1000);
@@ -94,19 +95,22 @@ int main(int argc, char **argv) {
 #ifdef _OPENMP
     most = 2;
 #endif
-    printf("model,threads,particles,bonds,step_ms,ratio,iterations,evaluations,local_ms,global_ms,factor_ms\n");
-    fprintf(stderr, "%-15s %7s %9s %8s %8s %6s %6s %6s %9s %9s %9s %10s\n", "model", "threads", "particles", "bonds", "step ms",
+    if (csv) fprintf(csv, "model,threads,particles,bonds,step_ms,ratio,iterations,evaluations,local_ms,global_ms,factor_ms\n");
+    printf("%-15s %7s %9s %8s %8s %6s %6s %6s %9s %9s %9s %10s\n", "model", "threads", "particles", "bonds", "step ms",
            "ratio", "iter", "eval", "local ms", "global ms", "factor ms", "Mbonds/s");
     for (k = 0; k < 4; k++)
         for (t = 1; t <= most; t++) {
             result r;
             if (!run(along, across, &m[k], t, &r)) return 1;
             if (!(unit > 0)) unit = r.step;
-            fprintf(stderr, "%-15s %7d %9d %8d %8.1f %6.2f %6.1f %6.1f %9.1f %9.1f %9.1f %10.1f\n", name[k], t, r.particles,
+            printf("%-15s %7d %9d %8d %8.1f %6.2f %6.1f %6.1f %9.1f %9.1f %9.1f %10.1f\n", name[k], t, r.particles,
                    r.bonds, r.step, r.step / unit, r.iterations, r.evaluations, r.local, r.global, r.factor,
                    1e-3 * r.bonds * r.evaluations / r.local);
-            printf("%s,%d,%d,%d,%g,%g,%g,%g,%g,%g,%g\n", name[k], t, r.particles, r.bonds, r.step,
+            fflush(stdout);
+            if (csv)
+                fprintf(csv, "%s,%d,%d,%d,%g,%g,%g,%g,%g,%g,%g\n", name[k], t, r.particles, r.bonds, r.step,
                         r.step / unit, r.iterations, r.evaluations, r.local, r.global, r.factor);
         }
+    if (csv) fclose(csv);
     return 0;
 }
