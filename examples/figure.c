@@ -21,7 +21,7 @@
 enum { MATERIALS = 3, LOADS = 4, BASES = 2 };
 static const double load[LOADS] = {0.1, 1, 2, 3}; /* g */
 static const float earth = 9.81f;
-static const double AT_REST = 5e-4; /* spacings per step */
+static const double AT_REST = 1e-3; /* spacings per step */
 
 static const studio_app app = {
     "figure", "a figure of three materials under growing gravity, and its hard fall",
@@ -142,7 +142,7 @@ static int sample(figure *s) {
     peri_shape shape = peri_shape_mesh(s->mesh.v, s->mesh.vertices, s->mesh.t, s->mesh.triangles);
     peri_error err;
     int i;
-    s->spacing = 1 / (float)studio_number("--across", s->options.check ? 16 : 24);
+    s->spacing = 1 / (float)studio_number("--across", s->options.check ? 20 : 24);
     if (peri_sample(&shape, s->spacing, NULL, 0, &s->count, &err)) return studio_error("%s", err.text);
     if (s->count == 0) return studio_error("no particle fits into the mesh; raise --across");
     s->point = (float *)studio_alloc(3 * (size_t)s->count, sizeof(float));
@@ -237,13 +237,13 @@ static int worst(figure *s, double share, double *volume, double *stretch) {
 
 /* ---- standing: SH figure 13 ---- */
 
-/* Largest way of a particle in the last step, in spacings. */
+/* Root mean square way of the particles in the last step, in spacings. */
 static double moved(const figure *s, float dt) {
     const float *v = peri_body_velocities(s->world, s->body);
-    float most = 0;
+    double sum = 0;
     int i;
-    for (i = 0; i < s->count; i++) most = fmaxf(most, studio_dot(v + 3 * i, v + 3 * i));
-    return (double)(sqrtf(most) * dt / s->spacing);
+    for (i = 0; i < s->count; i++) sum += (double)studio_dot(v + 3 * i, v + 3 * i);
+    return sqrt(sum / s->count) * (double)(dt / s->spacing);
 }
 
 /* Mean height of the particles that are above 0.7 m in the rest shape. */
@@ -258,7 +258,7 @@ static double head(const figure *s) {
 
 /* Steps until nothing moves any more; backward Euler takes the motion out. */
 static int relax(figure *s, double *left) {
-    const float dt = 0.25f;
+    const float dt = 0.1f;
     int k;
     for (k = 0, *left = 1; k < s->options.frames && *left > AT_REST; k++) {
         if (step(s, dt)) return -1;

@@ -18,7 +18,7 @@
 
 #define FIGURE(name, value) printf("    %s = %.4g\n", name, (double)(value))
 
-/* ---- random numbers: the same on every machine ------------------------------------------------------------------- */
+/* ---- random numbers: the same on every machine --------------------------------------------------------------- */
 
 static uint64_t scene_random_state = 0x9e3779b97f4a7c15ull;
 
@@ -35,7 +35,7 @@ SCENE_MAY uint64_t random_bits(void) {
 SCENE_MAY double uniform(void) { return (double)(int64_t)random_bits() / 9223372036854775808.0; }
 SCENE_MAY double between(double low, double high) { return low + (high - low) * (uniform() + 1) / 2; }
 
-/* ---- small tensors: 3x3 by rows, symmetric ones 00 11 22 12 02 01 -------------------------------------------------- */
+/* ---- small tensors: 3x3 by rows, symmetric ones 00 11 22 12 02 01 ---------------------------------------------- */
 
 static const int voigt_row[6] = {0, 1, 2, 1, 0, 0}, voigt_col[6] = {0, 1, 2, 2, 2, 1};
 
@@ -149,7 +149,7 @@ SCENE_MAY void cauchy_of(const double p[9], const double f[9], double s[6]) {
         for (s[c] = 0, k = 0; k < 3; k++) s[c] += p[3 * voigt_row[c] + k] * f[3 * voigt_col[c] + k] / j;
 }
 
-/* ---- materials ----------------------------------------------------------------------------------------------------- */
+/* ---- materials ------------------------------------------------------------------------------------------------- */
 
 /* A user's law, polynomial and so finite everywhere: St. Venant-Kirchhoff plus a cubic term, E 1e5 Pa, nu 0.3. */
 #define USER_MU (1e5 / 2.6)
@@ -214,7 +214,7 @@ SCENE_MAY peri_material material_of(int k, double young, double poisson) {
     }
 }
 
-/* ---- blocks -------------------------------------------------------------------------------------------------------- */
+/* ---- blocks ---------------------------------------------------------------------------------------------------- */
 
 /* Cubic lattice of nx * ny * nz points about the origin, x fastest (malloc). */
 SCENE_MAY peri_real *lattice(int nx, int ny, int nz, double d) {

@@ -36,7 +36,7 @@ static const uint64_t golden[SCENES] = {
     0x8a4f20e3943dd40aull, /* ball */
 };
 
-/* ---- ways of running a loop -------------------------------------------------------------------------------------- */
+/* ---- ways of running a loop ---------------------------------------------------------------------------------- */
 
 #if defined(__linux__) && defined(__GLIBC__)
 #if __GLIBC_PREREQ(2, 34)   /* pthreads without -pthread */
@@ -130,7 +130,7 @@ static void run_loop(int count, int grain, peri_task *task, void *context, void 
     }
 }
 
-/* ---- scenes ------------------------------------------------------------------------------------------------------ */
+/* ---- scenes -------------------------------------------------------------------------------------------------- */
 
 /* Turns about z by angle, without sin or cos: their last bits belong to the libm. */
 static void turned(double t, double *c, double *s) {
@@ -183,8 +183,8 @@ static uint64_t run_scene(int which, way how, int threads, runner *r) {
             turned(k / 64.0, &c, &n);
             for (i = s.n - 36; i < s.n; i++) {
                 const peri_real *x = s.points + 3 * i;
-                peri_body_move(s.world, s.body, i, vec3(c * (double)x[0] - n * (double)x[1], n * (double)x[0] + c * (double)x[1],
-                                                        (double)x[2]));
+                peri_vec3 aim = vec3(c * (double)x[0] - n * (double)x[1], n * (double)x[0] + c * (double)x[1], (double)x[2]);
+                peri_body_move(s.world, s.body, i, aim);
             }
             scene_run(&s, 1, 1 / 64.0);
         }
@@ -232,8 +232,8 @@ static void bits(int which) {
         if (hash != first) printf("    %s, OpenMP or serial, %d threads: other bits\n", scene_name[which], how);
         CHECK(hash == first);
     }
-    printf("golden:     0x%08lx%08lxull, /* %s */\n", (unsigned long)(first >> 32), (unsigned long)(first & 0xffffffffu),
-           scene_name[which]);
+    printf("golden:     0x%08lx%08lxull, /* %s */\n", (unsigned long)(first >> 32),
+           (unsigned long)(first & 0xffffffffu), scene_name[which]);
     if (!GOLDEN) return;
     if (first != golden[which]) printf("    %s: not the kept bits; see the top of this file\n", scene_name[which]);
     CHECK(first == golden[which]);

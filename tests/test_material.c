@@ -10,7 +10,7 @@
 
 #include "scenes.h"
 
-/* ---- basis functions --------------------------------------------------------------------------------------------- */
+/* ---- basis functions ----------------------------------------------------------------------------------------- */
 
 #define BASES 14
 
@@ -121,7 +121,7 @@ static void basis_continuation(void) {
     }
 }
 
-/* ---- laws Psi(C) ------------------------------------------------------------------------------------------------- */
+/* ---- laws Psi(C) --------------------------------------------------------------------------------------------- */
 
 /* C of random axes with the given eigenvalues, minus 1. */
 static void strain_of(const double value[3], double h[6]) {
@@ -205,7 +205,8 @@ static void law_small_strain(void) {
     for (law = M_NEO_HOOKEAN; law <= M_USER; law++)
         for (t = 0; t < 100; t++) {
             peri_material m = material_of(law, 1e5, t % 2 ? 0.3 : -0.2);
-            double lambda = (double)m.lambda, mu = (double)m.mu, h[6], dpsi[6], hooke[6], psi, energy, trace, size, stiff;
+            double lambda = (double)m.lambda, mu = (double)m.mu, h[6], dpsi[6], hooke[6];
+            double psi, energy, trace, size, stiff;
             if (law == M_USER) lambda = USER_LAMBDA, mu = USER_MU;
             stiff = mu + fabs(lambda) + (law == M_USER ? 10 * user_cubic : 0);
             for (c = 0; c < 6; c++) h[c] = uniform();
@@ -226,7 +227,7 @@ static void law_small_strain(void) {
     FIGURE("law at strain 1e-6 against Hooke, energy, relative", worst_energy);
 }
 
-/* ---- a material point -------------------------------------------------------------------------------------------- */
+/* ---- a material point ---------------------------------------------------------------------------------------- */
 
 /* P against central differences of the energy: step e = 1e-5, truncation e^2/6 W'''/W' ~ 2e-11 * 1e2 (terms A_3, log J
    at stretches down to 0.5), rounding 1e-16 W / e ~ 1e-11 W/P: 1e-8 covers both ten times. */
@@ -447,7 +448,7 @@ static void point_papers_neo_hookean(void) {
     NEAR(half, 0.5, 0.05);
 }
 
-/* ---- forces of a body against its energy ------------------------------------------------------------------------- */
+/* ---- forces of a body against its energy --------------------------------------------------------------------- */
 
 static const char *const kernel_name[6] = {"power", "constant", "linear", "cubic", "inverse", "shifted"};
 
@@ -578,7 +579,8 @@ static void body_forces(void) {
                 scene_make(&s, &m);
                 scene_shake(&s, 0.1);
                 err = force_error(&s, &m, FORCE_STEP);
-                if (!(err <= FORCE_TOLERANCE)) printf("    %s, kernel %s: %g\n", material_name[k], kernel_name[kernel], err);
+                if (!(err <= FORCE_TOLERANCE))
+                    printf("    %s, kernel %s: %g\n", material_name[k], kernel_name[kernel], err);
                 if (!(err <= worst[k])) worst[k] = err;
                 scene_end(&s);
             }
