@@ -263,6 +263,13 @@ static double peri__basis_second(const peri__basis *f) {
     return (high - low) / (2 * step);
 }
 
+/* log(1 + x): the series keeps the digits that 1 + x drops. */
+static double peri__log1p(double x) {
+    double z = x / (2 + x), z2 = z * z;
+    if (fabs(x) > 0.1) return peri_log(1 + x);
+    return 2 * z * (1 + z2 * (1 / 3.0 + z2 * (1 / 5.0 + z2 * (1 / 7.0 + z2 * (1 / 9.0 + z2 * (1 / 11.0 + z2 / 13))))));
+}
+
 /* f'(tau) / tau from q - 1 and tau: what a bond force needs. The short forms keep the digits of a small q - 1. */
 static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real tau, peri_real inv_tau) {
     double first;
@@ -276,6 +283,20 @@ static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real 
     }
     peri__basis_value(f, (double)tau, &first);
     return (peri_real)first * inv_tau;
+}
+
+/* f(tau) from q - 1 and tau: what a bond's energy needs; short forms as above. */
+static double peri__basis_energy(const peri__basis *f, peri_real dq, peri_real tau) {
+    double first, e = (double)dq / (1 + (double)tau);
+    switch (f->form) {
+    case PERI__FORM_B1: return (double)f->scale * e * e;
+    case PERI__FORM_SVK: return (double)f->scale * (double)dq * (double)dq / 4;
+    case PERI__FORM_A1:
+        if (tau >= PERI__R(PERI__S_MIN)) return (double)f->scale / 2 * ((double)dq - peri__log1p((double)dq));
+        break;
+    case PERI__FORM_GENERAL: break;
+    }
+    return peri__basis_value(f, (double)tau, &first);
 }
 
 double peri_basis_value(const peri_basis *f, double s, double *first) {
@@ -480,13 +501,6 @@ static double peri__det_minus_one(const double h[6], double cofactor[6]) {
 
 #define PERI__DET_MIN 0.04  /* J = 0.2 */
 
-/* log(1 + x): the series keeps the digits that 1 + x drops. */
-static double peri__log1p(double x) {
-    double z = x / (2 + x), z2 = z * z;
-    if (fabs(x) > 0.1) return peri_log(1 + x);
-    return 2 * z * (1 + z2 * (1 / 3.0 + z2 * (1 / 5.0 + z2 * (1 / 7.0 + z2 * (1 / 9.0 + z2 * (1 / 11.0 + z2 / 13))))));
-}
-
 /* log J of det C = 1 + dm, its derivative by det C; below PERI__DET_MIN the second-order Taylor polynomial. */
 static double peri__log_j(double dm, double *slope) {
     const double d0 = PERI__DET_MIN;
@@ -499,17 +513,17 @@ static double peri__log_j(double dm, double *slope) {
     return 0.5 * peri_log(d0) + 0.5 * x / d0 - 0.25 * x * x / (d0 * d0);
 }
 
-/* J of det C = 1 + dm, continued the same way. */
-static double peri__j(double dm, double *slope) {
+/* J - 1 of det C = 1 + dm, continued the same way. */
+static double peri__j_minus_one(double dm, double *slope) {
     const double d0 = PERI__DET_MIN, j0 = 0.2;
     double x = 1 + dm - d0, j;
     if (x >= 0) {
         j = sqrt(1 + dm);
         *slope = 0.5 / j;
-        return j;
+        return dm / (1 + j);
     }
     *slope = 0.5 / j0 - 0.25 * x / (j0 * j0 * j0);
-    return j0 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
+    return j0 - 1 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
 }
 
 static double peri__law_neo_hookean(double lambda, double mu, const double h[6], double dpsi[6]) {
@@ -533,13 +547,18 @@ static double peri__law_stvk(double lambda, double mu, const double h[6], double
 
 /* Smith, de Goes, Kim 2018, equation 14 with their reparameterised constants (so that small strain is Hooke's). */
 static double peri__law_stable(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double m = 4 * mu / 3, l = lambda + 5 * mu / 6, alpha = 1 + 0.75 * m / l;
+    double m = 4 * mu / 3, l = lambda + 5 * mu / 6, beyond = 0.75 * m / l;   /* alpha - 1 */
     double cofactor[6], slope, j, trace = h[0] + h[1] + h[2], factor;
+    double y = trace / 4, log_y = y > -0.9 ? peri__log1p(y) : 0, inverse = 1 / (1 + y);
     int k;
-    j = peri__j(peri__det_minus_one(h, cofactor), &slope);
-    factor = l * (j - alpha) * slope;
-    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? m / 2 * (1 - 1 / (4 + trace)) : 0);
-    return m / 2 * (trace - peri__log1p(trace / 4)) + l / 2 * ((j - alpha) * (j - alpha) - (1 - alpha) * (1 - alpha));
+    if (y < -0.9) {     /* I1 can fall below zero in a trial step: the tangent goes on */
+        log_y = peri__log1p(-0.9) + 10 * (y + 0.9);
+        inverse = 10;
+    }
+    j = peri__j_minus_one(peri__det_minus_one(h, cofactor), &slope);
+    factor = l * (j - beyond) * slope;
+    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? m / 2 * (1 - inverse / 4) : 0);
+    return m / 2 * (trace - log_y) + l / 2 * j * (j - 2 * beyond);
 }
 
 double peri_law_value(const peri_material *m, const double h[6], double dpsi[6]) {
@@ -668,35 +687,31 @@ typedef void peri__force(const peri__bonds *b, const peri__matter *m, const doub
 
 /* ---- implementation 5: the stretch model (SH (12), (13)) --------------------------------------------------------- */
 
-static double peri__stretch_energy(const peri__bonds *b, const peri__matter *m, const double *x, int i, double theta) {
-    double sum = 0, slope, volume = b->unit * (double)b->volume[i];
-    int k;
-    for (k = b->row[i]; k < b->row[i + 1]; k++) {
-        peri__bond o;
-        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-        sum += (double)(o.weight * o.gain) * peri__basis_value(&m->h, (double)peri__tau(&o), &slope);
-    }
-    sum *= (double)(b->share[i] / b->volume[i]) * (double)m->m.ms;
-    return volume * (sum + (double)m->m.ls * peri__basis_value(&m->g, theta, &slope));
-}
-
 /* coef: unit c ls g'(theta), unit c ms. */
 static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, const double *x, int i, peri_real *coef,
                                 int energy) {
     peri_real sum = 0, theta_e, c = (peri_real)b->unit * b->share[i];
-    double slope = 0;
+    double slope = 0, value, bonds = 0;
     int k;
     for (k = b->row[i]; k < b->row[i + 1]; k++) {
         peri__bond o;
+        peri_real tau;
         peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-        sum += o.weight * o.dq / (1 + peri__tau(&o));
+        tau = peri__tau(&o);
+        sum += o.weight * o.dq / (1 + tau);
+        if (energy) bonds += (double)(o.weight * o.gain) * peri__basis_energy(&m->h, o.dq, tau);
     }
     theta_e = sum * b->share[i] / b->volume[i];
-    if (m->g.form == PERI__FORM_B1) slope = 2 * (double)(m->g.scale * theta_e);
-    else peri__basis_value(&m->g, 1 + (double)theta_e, &slope);
+    if (m->g.form == PERI__FORM_B1) {
+        slope = 2 * (double)(m->g.scale * theta_e);
+        value = slope * (double)theta_e / 2;
+    } else {
+        value = peri__basis_value(&m->g, 1 + (double)theta_e, &slope);
+    }
     coef[0] = c * m->m.ls * (peri_real)slope;
     coef[1] = c * m->m.ms;
-    return energy ? peri__stretch_energy(b, m, x, i, 1 + (double)theta_e) : 0;
+    bonds *= (double)(b->share[i] / b->volume[i]) * (double)m->m.ms;
+    return energy ? b->unit * (double)b->volume[i] * (bonds + (double)m->m.ls * value) : 0;
 }
 
 static double peri__stretch_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
@@ -846,17 +861,16 @@ static void peri__correspondence_force(const peri__bonds *b, const peri__matter 
 
 #define PERI__PROJECTIVE_STRIDE 10  /* Fbar, unit c */
 
-static peri_real peri__inverse_length(peri_real x, peri_real y, peri_real z) {
-    peri_real square = x * x + y * y + z * z;
-    return square > PERI__R(1e-30) ? 1 / PERI__SQRT(square) : 0;
-}
-
-/* dir(F xi). */
-static void peri__direction(const peri_real *f, const peri_real xi[3], peri_real d[3]) {
-    peri_real inverse;
+/* F xi / |F n|: where the local step wants the bond's other end, r dir(F xi). */
+static void peri__projective_target(const peri_real *f, const peri__bond *o, peri_real d[3]) {
+    peri_real square = 0, inverse;
     int c;
-    for (c = 0; c < 3; c++) d[c] = f[3 * c] * xi[0] + f[3 * c + 1] * xi[1] + f[3 * c + 2] * xi[2];
-    inverse = peri__inverse_length(d[0], d[1], d[2]);
+    for (c = 0; c < 3; c++) {
+        d[c] = f[3 * c] * o->xi[0] + f[3 * c + 1] * o->xi[1] + f[3 * c + 2] * o->xi[2];
+        square += d[c] * d[c];
+    }
+    square *= o->inv_r2;
+    inverse = square > PERI__R(1e-24) ? 1 / PERI__SQRT(square) : 0;
     for (c = 0; c < 3; c++) d[c] *= inverse;
 }
 
@@ -866,14 +880,13 @@ static double peri__projective_energy(const peri__bonds *b, const peri__matter *
     int k, c;
     for (k = b->row[i]; k < b->row[i + 1]; k++) {
         peri__bond o;
-        peri_real d[3], inv_r;
-        double square = 0, e;
+        peri_real d[3], square = 0;
+        double e;
         peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-        peri__direction(f, o.xi, d);
-        inv_r = PERI__SQRT(o.inv_r2);
-        for (c = 0; c < 3; c++) square += (double)((o.y[c] * inv_r - d[c]) * (o.y[c] * inv_r - d[c]));
+        peri__projective_target(f, &o, d);
+        for (c = 0; c < 3; c++) square += (o.y[c] - d[c]) * (o.y[c] - d[c]);
         e = (double)(o.dq / (1 + peri__tau(&o)));
-        sum += (double)o.weight * (a * square + half_b * e * e);
+        sum += (double)o.weight * (a * (double)(square * o.inv_r2) + half_b * e * e);
     }
     return sum * b->unit * (double)b->share[i];
 }
@@ -897,28 +910,30 @@ static double peri__projective_local(const peri__bonds *b, const peri__matter *m
 }
 
 static void peri__projective_pull(const peri__matter *m, const peri_real *coef, const peri__bond *o, peri_real t[3]) {
-    peri_real d[3], r = 1 / PERI__SQRT(o->inv_r2), scale = coef[9] * o->weight * o->inv_r2, inv_y;
+    peri_real d[3], scale = coef[9] * o->weight * o->inv_r2, along = 2 * m->m.a + m->m.b - m->m.b / peri__tau(o);
     int c;
-    peri__direction(coef, o->xi, d);
-    inv_y = peri__inverse_length(o->y[0], o->y[1], o->y[2]);
-    for (c = 0; c < 3; c++)
-        t[c] = scale * (2 * m->m.a * (o->y[c] - r * d[c]) + m->m.b * (o->y[c] - r * inv_y * o->y[c]));
+    peri__projective_target(coef, o, d);
+    for (c = 0; c < 3; c++) t[c] = scale * (along * o->y[c] - 2 * m->m.a * d[c]);
 }
 
+/* Both ends' pulls at once: the part along y is shared. */
 static void peri__projective_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                                    const peri_real *coef, peri_real *f) {
+    peri_real two_a = 2 * m->m.a;
     int i, k, c;
     for (i = begin; i < end; i++) {
         const peri_real *ci = coef + PERI__PROJECTIVE_STRIDE * (size_t)i;
-        peri_real sum[3] = {0, 0, 0}, t[3];
+        peri_real sum[3] = {0, 0, 0}, di[3], dj[3];
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
             const peri_real *cj = coef + PERI__PROJECTIVE_STRIDE * (size_t)b->col[k];
             peri__bond o;
+            peri_real scale, along;
             peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-            peri__projective_pull(m, ci, &o, t);
-            for (c = 0; c < 3; c++) sum[c] += t[c];
-            peri__projective_pull(m, cj, &o, t);
-            for (c = 0; c < 3; c++) sum[c] += t[c];
+            peri__projective_target(ci, &o, di);
+            peri__projective_target(cj, &o, dj);
+            scale = o.weight * o.inv_r2;
+            along = (ci[9] + cj[9]) * (two_a + m->m.b - m->m.b / peri__tau(&o));
+            for (c = 0; c < 3; c++) sum[c] += scale * (along * o.y[c] - two_a * (ci[9] * di[c] + cj[9] * dj[c]));
         }
         for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] = sum[c];
     }

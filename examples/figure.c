@@ -26,7 +26,7 @@ static const double AT_REST = 1e-3; /* spacings per step */
 static const studio_app app = {
     "figure", "a figure of three materials under growing gravity, and its hard fall",
     "  --across N     particles along the longest side (24)\n"
-    "  --young PA     Young's modulus (1000000)\n"
+    "  --young PA     Young's modulus (400000)\n"
     "  --poisson X    Poisson's ratio (0.3)\n"
     "  --density X    kg/m^3 (1000)\n"
     "  --speed X      of the fall, m/s (4)\n"
@@ -102,15 +102,14 @@ static int choose_solver(const char *name, peri_solver *solver) {
 }
 
 static int make_materials(figure *s) {
-    s->young = (float)studio_number("--young", 1e6);
+    s->young = (float)studio_number("--young", 4e5);
     s->poisson = (float)studio_number("--poisson", 0.3);
     s->density = (float)studio_number("--density", 1000);
     s->speed = (float)studio_number("--speed", 4);
     if (choose_material(s, "linear", &s->material[0]) || choose_material(s, "papers", &s->material[1]) ||
         choose_material(s, s->options.model ? s->options.model : "neo_hookean", &s->material[2]))
         return -1;
-    s->young /= 10; /* the fall is of a softer one */
-    if (choose_material(s, "linear", &s->base[0]) || choose_material(s, "linear", &s->base[1])) return -1;
+    s->base[0] = s->base[1] = s->material[0];
     use_a4(&s->base[1]);
     return 0;
 }
@@ -316,12 +315,13 @@ static int fall(figure *s, int b) {
 
 static const float ink[3] = {0.2f, 0.22f, 0.26f};
 
-static int draw(const figure *s, const pose *p, const float rgb[3], float turn, studio_image *im) {
-    static const float target[3] = {0, 0, 0.46f};
+static int draw(const figure *s, const pose *p, const float rgb[3], float turn, float height, studio_image *im) {
     studio_mesh m = s->mesh;
     studio_camera camera;
     studio_scene scene;
+    float target[3];
     int bad;
+    studio_set(target, 0, 0, height);
     m.v = p->v;
     m.n = p->n;
     studio_scene_begin(&scene);
@@ -349,7 +349,7 @@ static int draw_stand(const figure *s) {
     int m, k, bad = studio_image_make(&sheet, LEFT + LOADS * W, TOP + MATERIALS * H) || studio_image_make(&panel, W, H);
     for (m = 0; m < MATERIALS && !bad; m++) {
         for (k = 0; k < LOADS && !bad; k++) {
-            bad = draw(s, &s->stand[m][k], colour[m], 35, &panel);
+            bad = draw(s, &s->stand[m][k], colour[m], 35, 0.46f, &panel);
             snprintf(text, sizeof text, "head %.1f cm", 100 * s->height[m][k]);
             studio_text(&panel, 14, H - 16, 11, ink, text);
             paste(&sheet, &panel, LEFT + k * W, TOP + m * H);
@@ -367,16 +367,15 @@ static int draw_stand(const figure *s) {
 }
 
 static int draw_fall(const figure *s) {
-    enum { W = 640, H = 460 };
+    enum { W = 640, H = 420 };
     static const char *name[BASES] = {"linear, B1/B1", "nonlinear, A4/A4"};
     studio_image sheet = {0, 0, NULL}, panel = {0, 0, NULL};
     char text[STUDIO_PATH];
     int b, bad = studio_image_make(&sheet, BASES * W, H) || studio_image_make(&panel, W, H);
     for (b = 0; b < BASES && !bad; b++) {
-        bad = draw(s, &s->fall[b], colour[b ? 2 : 0], 70, &panel);
+        bad = draw(s, &s->fall[b], colour[b ? 2 : 0], 70, 0.3f, &panel);
         studio_text(&panel, 18, 36, 16, ink, name[b]);
-        snprintf(text, sizeof text, "98 %% of it keep volume %.2f, stretch %.2f", s->fallen_volume[b],
-                 s->fallen_stretch[b]);
+        snprintf(text, sizeof text, "98 %% of the particles keep at least %.2f of their volume", s->fallen_volume[b]);
         studio_text(&panel, 18, 64, 12, ink, text);
         paste(&sheet, &panel, b * W, 0);
     }
@@ -449,8 +448,11 @@ static void check(const figure *s) {
     studio_check("particles out of shape, standing", s->unhealthy, "", 0, 0);
     studio_check("motion left in the last steps", motion, "spacings", 0, AT_REST);
     studio_check("steps not converged", s->unconverged, "", 0, 0);
-    studio_check("volume kept by 98 % in the fall, A4/A4 above B1/B1", s->fallen_volume[1] - s->fallen_volume[0], "", 0, 1);
-    studio_check("stretch kept by 98 % in the fall, A4/A4 above B1/B1", s->fallen_stretch[1] - s->fallen_stretch[0], "", 0, 1);
+    printf("98 %% of the particles keep in the fall, B1/B1: volume %.3f, stretch %.3f\n", s->fallen_volume[0],
+           s->fallen_stretch[0]);
+    studio_check("volume that 98 % keep in the fall, A4/A4", s->fallen_volume[1], "of rest", 0.2, 1);
+    studio_check("the same above that of B1/B1", s->fallen_volume[1] - s->fallen_volume[0], "of rest", 0.1, 1);
+    studio_check("stretch that 98 % keep, A4/A4 above B1/B1", s->fallen_stretch[1] - s->fallen_stretch[0], "", 0.1, 1);
 }
 
 /* ---- main ---- */

@@ -173,8 +173,8 @@ static void law_derivatives(void) {
     NEAR(worst, 0, 1e-7);
 }
 
-/* What a line search may meet: every C that least squares can give, however far from a metric. The result is finite, and
-   still the derivative. */
+/* What a line search may meet: every C that least squares can give, however far from a metric. The result is
+   finite, and still the derivative. */
 static void law_is_finite_everywhere(void) {
     int law, t, c, bad = 0;
     random_seed(4);
@@ -367,9 +367,9 @@ static void point_stvk_of_bonds(void) {
     NEAR(worst, 0, 1e-6);
 }
 
-/* Second differences at F = 1 against lambda tr^2 + 2 mu e:e, also in a turned frame. Step t = 1e-4: truncation t^2 times
-   a fourth derivative over a second (below 60 for A_3, B_6 and log J), 6e-7, and 1e-16 / t^2 = 1e-8 of rounding per
-   unit of energy scale, which is up to 10 times the result. Gives a point's lambda and mu too. */
+/* Second differences at F = 1 against lambda tr^2 + 2 mu e:e, also in a turned frame. Step t = 1e-4: truncation t^2
+   times a fourth derivative over a second (below 60 for A_3, B_6 and log J), 6e-7, and 1e-16 / t^2 = 1e-8 of
+   rounding per unit of energy scale, which is up to 10 times the result. Gives a point's lambda and mu too. */
 static double second_difference(const peri_material *m, const double e[9], const double r[9]) {
     double f[9], g[9], sum = 0, t = 1e-4;
     int side, c;

@@ -17,9 +17,10 @@
 
 /* ---- affine patch -------------------------------------------------------------------------------------------- */
 
-/* Correspondence: stress and energy of every particle, surfaces included, under random maps. Rounding: positions (up to
-   3 d from the origin) and differences to EPS of them, so the strain to 6 EPS, against a strain of 0.2 and amplified by
-   the fit of a corner's 7 bonds (condition about 20): 1e-5 in float; 26 sums of doubles the same way: 1e-11 is demanded. */
+/* Correspondence: stress and energy of every particle, surfaces included, under random maps. Rounding: positions
+   (up to 3 d from the origin) and differences to EPS of them, so the strain to 6 EPS, against a strain of 0.2 and
+   amplified by the fit of a corner's 7 bonds (condition about 20): 1e-5 in float; 26 sums of doubles the same way:
+   1e-11 is demanded. */
 static void affine_correspondence(void) {
     double worst_stress = 0, worst_energy = 0, tolerance = IS_DOUBLE ? 1e-11 : 1e-5;
     int k, t, i, c;
@@ -219,8 +220,9 @@ static void checkerboard(void) {
             double ratio;
             for (i = 0; i < s.n; i++)
                 for (c = 0; c < 3; c++)
-                    s.x[3 * i + c] = (peri_real)((double)s.points[3 * i + c] +
-                                                 ((i % 6 + i / 6 % 6 + i / 36) % 2 ? -1 : 1) * 0.005 * s.d * ways[t][c]);
+                    s.x[3 * i + c] =
+                        (peri_real)((double)s.points[3 * i + c] +
+                                    ((i % 6 + i / 6 % 6 + i / 36) % 2 ? -1 : 1) * 0.005 * s.d * ways[t][c]);
             peri_body_set_positions(s.world, s.body, 0, s.n, s.x);
             ratio = scene_measure(&s).elastic / pow(bond_strain(&s, s.x), 2) / shear;
             if (ratio < lowest) lowest = ratio;
@@ -235,9 +237,9 @@ static void checkerboard(void) {
 
 /* ---- rigid motion and momenta -------------------------------------------------------------------------------- */
 
-/* Rotation and translation by R, t: strains are rounding only, e = 4 EPS |x|/d per bond; every bond then gives BOND_FORCE
-   E d^2 e at most, and the energy is below BOND_FORCE/2 E V e^2 per particle; basis functions are differences of numbers
-   of order one in double, which leaves 4 roundings of double. */
+/* Rotation and translation by R, t: strains are rounding only, e = 4 EPS |x|/d per bond; every bond then gives
+   BOND_FORCE E d^2 e at most, and the energy is below BOND_FORCE/2 E V e^2 per particle; basis functions are
+   differences of numbers of order one in double, which leaves 4 roundings of double. */
 static void rigid_motion(void) {
     double worst_force = 0, worst_energy = 0, reach = 10;
     int k, t, c;
@@ -266,9 +268,9 @@ static void rigid_motion(void) {
     FIGURE("rigid motion: energy density, E", worst_energy);
 }
 
-/* Sum and torque of the inner forces of a block shaken by 0.1 d. A particle's force is a sum of 52 terms (both ends of 26
-   bonds) each below 1/5 of the bound at strain 0.2, rounded to EPS of the partial sums: independent roundings add by
-   their root, six standard deviations. Torque: about a point 2 d away at most. */
+/* Sum and torque of the inner forces of a block shaken by 0.1 d. A particle's force is a sum of 52 terms (both ends
+   of 26 bonds) each below 1/5 of the bound at strain 0.2, rounded to EPS of the partial sums: independent roundings
+   add by their root, six standard deviations. Torque: about a point 2 d away at most. */
 static void inner_forces(void) {
     int k, t, i, c;
     for (k = 0; k < M_COUNT; k++) {
@@ -376,10 +378,10 @@ static void momentum_of_the_bare_integrators(void) {
     CHECK(left[1] > left[0]);
 }
 
-/* 1000 explicit steps (kick, drift) with peri_body_forces: the forces alone keep both momenta. State in double; each
-   kick adds the forces' rounding (bound of inner_forces, at strain 0.1: pulled at 4 /s with a frequency of 42 /s), new every
-   step because positions move by far more than EPS; the positions handed over are rounded: their torque, EPS |x| f, is
-   a part of it. */
+/* 1000 explicit steps (kick, drift) with peri_body_forces: the forces alone keep both momenta. State in double;
+   each kick adds the forces' rounding (bound of inner_forces, at strain 0.1: pulled at 4 /s with a frequency of 42
+   /s), new every step because positions move by far more than EPS; the positions handed over are rounded: their
+   torque, EPS |x| f, is a part of it. */
 static void momentum_of_the_forces(void) {
     static const int kinds[5] = {M_PROJECTIVE, M_LINEAR, M_PAPERS, M_NEO_HOOKEAN, M_STABLE};
     int k, t, i, c;
@@ -427,8 +429,8 @@ static void momentum_of_the_forces(void) {
 
 /* ---- integrators --------------------------------------------------------------------------------------------- */
 
-/* A bar 3 x 3 x 12 stretched in its first longitudinal wave (free ends, length 12 d, speed sqrt(E / rho) = 10 m/s, period
-   2 L / c = 0.3 s). Energy left after `time` seconds in `steps` steps. */
+/* A bar 3 x 3 x 12 stretched in its first longitudinal wave (free ends, length 12 d, speed sqrt(E / rho) = 10 m/s,
+   period 2 L / c = 0.3 s). Energy left after `time` seconds in `steps` steps. */
 static double vibrate(peri_integrator integrator, int steps, double time) {
     peri_material m = material_of(M_LINEAR, 1e5, 0);
     double before;
@@ -462,11 +464,12 @@ static void damping(void) {
     CHECK(bdf2 > 0.5 && bdf2 < 0.85);
 }
 
-/* Eight particles, all bonded to each other, so that every frequency is resolved (w between c/d and 2 c/d, 80 to 160 per
-   second): pulled apart by a fifth, let go, 0.05 s. Reference: explicit velocity Verlet with peri_body_forces, error
-   (w dt)^2/24 w t = 1e-6 of the motion with 4096 steps. With w h = 0.06 to 0.12 at the coarse step the next order
-   changes the ratio of the errors, 2 and 4, by about w h: 15 %. The solver's part must stay below that in float too, where
-   its tolerance is 1e-6 d: a step that did not iterate at all below its tolerance would add up to n^2/2 tolerances. */
+/* Eight particles, all bonded to each other, so that every frequency is resolved (w between c/d and 2 c/d, 80 to
+   160 per second): pulled apart by a fifth, let go, 0.05 s. Reference: explicit velocity Verlet with
+   peri_body_forces, error (w dt)^2/24 w t = 1e-6 of the motion with 4096 steps. With w h = 0.06 to 0.12 at the
+   coarse step the next order changes the ratio of the errors, 2 and 4, by about w h: 15 %. The solver's part must
+   stay below that in float too, where its tolerance is 1e-6 d: a step that did not iterate at all below its
+   tolerance would add up to n^2/2 tolerances. */
 static void unfold(scene *s, double *x) {
     static const double pull[9] = {1.2, 0.1, 0, 0, 1, 0, 0, 0, 0.9};
     double p[3];
@@ -654,8 +657,8 @@ static void fixed_and_driven(void) {
     v = peri_body_velocities(s.world, s.body);
     for (i = 225; i < 300; i++) CHECK(x[i] == s.points[i] && v[i] == 0);
     CHECK(x[2] < s.points[2] - (peri_real)1e-3);
-    /* hanging still, the fixed face carries the weight of the free particles: minus the sum of its inner forces. What is
-       left unbalanced is the solver's: stats.residual per particle */
+    /* hanging still, the fixed face carries the weight of the free particles: minus the sum of its inner forces. What
+       is left unbalanced is the solver's: stats.residual per particle */
     peri_body_forces(s.world, s.body, force);
     for (i = 75; i < 100; i++) pull += (double)force[3 * i + 2];
     a = scene_measure(&s);
@@ -684,9 +687,9 @@ static void fixed_and_driven(void) {
     scene_end(&s);
 }
 
-/* A constant force on a free body: v = F t / M and, with backward Euler, x = F/M h^2 n (n + 1)/2. Rounding: v to EPS per
-   particle and step, 60 steps. Gravity and its change likewise. keep_momentum 0 leaves it to the solver: each step ends
-   within a few tolerances of the answer in x, so v within 3 tolerance d / h, and the errors add. */
+/* A constant force on a free body: v = F t / M and, with backward Euler, x = F/M h^2 n (n + 1)/2. Rounding: v to
+   EPS per particle and step, 60 steps. Gravity and its change likewise. keep_momentum 0 leaves it to the solver:
+   each step ends within a few tolerances of the answer in x, so v within 3 tolerance d / h, and the errors add. */
 static void force_on_free_body(void) {
     int k, t, i;
     for (k = 0; k < 3; k++)
@@ -905,9 +908,9 @@ static void distances(void) {
     NEAR(worst_gradient, 0, 8 * EPS / step + (IS_DOUBLE ? 1e-9 : 1e-6));
 }
 
-/* A single particle is driven into each shape, turned and moved, from many sides: it stops at its radius, and in the end
-   rests at the distance where the spring carries its push: one step's push m v / h on a spring of m / h^2 at least, so
-   v h = 0.2 of a radius deep at most. */
+/* A single particle is driven into each shape, turned and moved, from many sides: it stops at its radius, and in
+   the end rests at the distance where the spring carries its push: one step's push m v / h on a spring of m / h^2
+   at least, so v h = 0.2 of a radius deep at most. */
 static void particle_against_shapes(void) {
     peri_material m = material_of(M_LINEAR, 1e5, 0.3);
     double deepest = 0;
@@ -1021,10 +1024,11 @@ static void resting_weight(void) {
     }
 }
 
-/* Coulomb, mu = 0.5: atan mu = 26.57 degrees. One degree below it holds for good (its hold is a spring: no creep, so less
-   than a hundredth of d in two seconds); one degree above it slides, and gains speed by g (sin - mu cos): 0.198 m/s^2.
-   The angle at which a block lets go is that of the floor's pressure, which an elastic block distributes unevenly, but
-   all of it must slip before it goes: the acceleration is that of a rigid one within the chatter of a settling block. */
+/* Coulomb, mu = 0.5: atan mu = 26.57 degrees. One degree below it holds for good (its hold is a spring: no creep,
+   so less than a hundredth of d in two seconds); one degree above it slides, and gains speed by g (sin - mu cos):
+   0.198 m/s^2. The angle at which a block lets go is that of the floor's pressure, which an elastic block
+   distributes unevenly, but all of it must slip before it goes: the acceleration is that of a rigid one within the
+   chatter of a settling block. */
 static void slope_coulomb(void) {
     slide below = run_slope(25.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-4);
     slide coarse = run_slope(25.6, PERI_FRICTION_COULOMB, 0.5, vec3(0, 0, 0), PERI_BACKWARD_EULER, 1e-3);
@@ -1266,8 +1270,8 @@ static void recovery(void) {
 }
 
 #ifndef PERI_NO_SKINNING
-/* Skins: F X + t under affine motion, to rounding: the weights' sums in peri_real of positions up to 5 d, condition of a
-   family about 20. */
+/* Skins: F X + t under affine motion, to rounding: the weights' sums in peri_real of positions up to 5 d, condition
+   of a family about 20. */
 static void skin_follows(void) {
     peri_material m = material_of(M_NEO_HOOKEAN, 1e5, 0.3);
     peri_real vertices[300], got[300];
