@@ -3540,6 +3540,14 @@ static void peri__refresh_friction(peri__solve *s) {
     }
 }
 
+/* What was evaluated on trial becomes the present gradient and energy. */
+static void peri__take_trial(peri__solve *s) {
+    peri_real *swap = s->g;
+    s->g = s->g1;
+    s->g1 = swap;
+    s->energy = s->energy1;
+}
+
 static double peri__largest(const peri_real *p, int n) {
     double largest = 0;
     int k;
@@ -3581,7 +3589,6 @@ static double peri__search(peri__solve *s) {
    it is below the tolerance or nothing better was found. */
 static int peri__iterate(peri__solve *s, double tolerance, double *length) {
     const peri_parallel *par = &s->w->def.parallel;
-    peri_real *swap;
     double alpha;
     int k;
     peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->scratch, peri__global_step, &s->context);
@@ -3605,10 +3612,7 @@ static int peri__iterate(peri__solve *s, double tolerance, double *length) {
         s->g[k] = s->g1[k] - s->g[k];
     }
     peri_lbfgs_push(&s->lbfgs, par, s->change, s->g);
-    swap = s->g;
-    s->g = s->g1;
-    s->g1 = swap;
-    s->energy = s->energy1;
+    peri__take_trial(s);
     peri__refresh_friction(s);
     return 1;
 }
@@ -3644,6 +3648,17 @@ static peri_result peri__matrix_renew(peri__solve *s, double h, int evaluations)
     return b->wasted < peri__factor_cost(b) ? PERI_OK : peri__matrix_make(s->w, b, s->contact_begin, 0, h);
 }
 
+/* Puts the free particles where they were before the step; leaves the gradient and energy there in g1 and energy1.
+   Returns 0 when these are not finite. */
+static int peri__restart(peri__solve *s) {
+    const double *x0 = s->w->x0 + 3 * (size_t)s->b->first;
+    int k;
+    memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
+    for (k = 0; k < s->n; k++)
+        if (!(s->w->flags[s->b->first + k / 3] & PERI__FIXED)) s->x[k] = x0[k];
+    return peri__evaluate(s, s->g1, &s->energy1);
+}
+
 /* The guess extrapolates the motion; where particles are held and the step is long, or where the body is out of shape,
    that may be absurd. Then the positions before the step are tried too, and the better start is kept. Returns 0 when
    neither is finite. */
@@ -3654,12 +3669,8 @@ static int peri__start(peri__solve *s) {
     for (k = 0; k < s->n; k++)
         if (fabs(s->x[k] - x0[k]) > reach) reach = fabs(s->x[k] - x0[k]);
     if (finite && !s->b->unhealthy && (!s->b->fixed || reach < s->b->spacing)) return 1;
-    memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
-    for (k = 0; k < s->n; k++)
-        if (!(s->w->flags[s->b->first + k / 3] & PERI__FIXED)) s->x[k] = x0[k];
-    if (peri__evaluate(s, s->g1, &s->energy1) && (!finite || s->energy1 < s->energy)) {
-        memcpy(s->g, s->g1, (size_t)s->n * sizeof *s->g);
-        s->energy = s->energy1;
+    if (peri__restart(s) && (!finite || s->energy1 < s->energy)) {
+        peri__take_trial(s);
         return 1;
     }
     memcpy(s->x, s->base, (size_t)s->n * sizeof *s->x);
@@ -3707,6 +3718,11 @@ static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_be
     while (going && iterations < w->def.max_iterations) {
         before = s.evaluations;
         going = peri__iterate(&s, tolerance, &length);
+        /* no way down from the guess: it was absurd, start from where the body was */
+        if (!going && !iterations && length > tolerance && peri__restart(&s)) {
+            peri__take_trial(&s);
+            going = 1;
+        }
         iterations += going;
         if (going && iterations > b->usual + 3) bad = peri__matrix_renew(&s, h, s.evaluations - before);
         if (bad) return bad;

@@ -248,14 +248,6 @@ static int fall_plot(const fall *f, const studio_options *o) {
     return bad;
 }
 
-/* Copies a picture into a larger one. */
-static void paste(studio_image *to, const studio_image *from, int x, int y) {
-    int row;
-    for (row = 0; row < from->height && y + row < to->height; row++)
-        memcpy(to->rgb + 3 * ((size_t)(y + row) * (size_t)to->width + (size_t)x),
-               from->rgb + 3 * (size_t)row * (size_t)from->width, 3 * (size_t)from->width);
-}
-
 /* Adds the particles of a beam moved by (0, dy, dz), coloured by t = value / range, or in one colour. */
 static int draw_beam(studio_scene *s, beam *b, double dy, double dz, int value, double range, const float *flat) {
     const peri_real *x = peri_body_positions(b->world, b->body);
@@ -321,7 +313,7 @@ static int fall_pictures(const studio_options *o) {
         if (k == (moment < o->frames ? moment : o->frames))
             for (way = 0; way < WAYS; way++) {
                 bad |= draw_fall(f, way, &part);
-                paste(&all, &part, 502 * way, 40);
+                studio_image_paste(&all, &part, 502 * way, 40);
             }
         studio_progress(o, k, o->frames, "falling");
     }

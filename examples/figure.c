@@ -383,13 +383,6 @@ static int draw_below(const figure *s, const pose *p, studio_image *im) {
     return bad;
 }
 
-static void paste(studio_image *to, const studio_image *from, int x, int y) {
-    int row;
-    for (row = 0; row < from->height; row++)
-        memcpy(to->rgb + 3 * ((size_t)(y + row) * (size_t)to->width + (size_t)x),
-               from->rgb + 3 * (size_t)row * (size_t)from->width, 3 * (size_t)from->width);
-}
-
 /* Rows are materials, columns are loads. */
 static int draw_stand(const figure *s) {
     enum { W = 400, H = 380, TOP = 44, LEFT = 44 };
@@ -401,7 +394,7 @@ static int draw_stand(const figure *s) {
             bad = draw(s, &s->stand[m][k], colour[m], 35, 0.46f, &panel);
             snprintf(text, sizeof text, "head %.1f cm", 100 * s->height[m][k]);
             studio_text(&panel, 14, H - 16, 11, ink, text);
-            paste(&sheet, &panel, LEFT + k * W, TOP + m * H);
+            studio_image_paste(&sheet, &panel, LEFT + k * W, TOP + m * H);
             snprintf(text, sizeof text, "%g g", load[k]);
             if (m == 0) studio_text_at(&sheet, LEFT + ((float)k + 0.5f) * W, 31, 17, ink, 0.5f, 0, text);
         }
@@ -426,11 +419,11 @@ static int draw_fall(const figure *s) {
         studio_text(&panel, 18, 36, 16, ink, name[b]);
         snprintf(text, sizeof text, "98 %% of the particles keep %.2f of their volume or more", s->fallen_volume[b]);
         studio_text(&panel, 18, 64, 12, ink, text);
-        paste(&sheet, &panel, b * W, 0);
+        studio_image_paste(&sheet, &panel, b * W, 0);
         bad = bad || draw_below(s, &s->fall[b], &panel);
         studio_text(&panel, 18, 36, 12, ink, "from below, at the moment of the largest elastic energy");
         if (b) studio_colorbar(&panel, W - 70, 40, 14, H / 3, 0, 1.05, "volume");
-        paste(&sheet, &panel, b * W, H);
+        studio_image_paste(&sheet, &panel, b * W, H);
     }
     snprintf(text, sizeof text, "%s/figure_fall.png", s->options.out);
     bad = bad || studio_png(text, &sheet);

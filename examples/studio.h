@@ -1034,6 +1034,14 @@ STUDIO_API int studio_image_make(studio_image *im, int width, int height) {
     return 0;
 }
 
+/* Copies a picture into another one with its upper left corner at (x, y); what does not fit is cut off. */
+STUDIO_API void studio_image_paste(studio_image *to, const studio_image *from, int x, int y) {
+    int left = x < 0 ? -x : 0, width = from->width < to->width - x ? from->width : to->width - x, row;
+    for (row = y < 0 ? -y : 0; row < from->height && y + row < to->height && width > left; row++)
+        memcpy(to->rgb + 3 * ((size_t)(y + row) * (size_t)to->width + (size_t)(x + left)),
+               from->rgb + 3 * ((size_t)row * (size_t)from->width + (size_t)left), 3 * (size_t)(width - left));
+}
+
 STUDIO_API void studio_image_free(studio_image *im) {
     free(im->rgb);
     memset(im, 0, sizeof *im);

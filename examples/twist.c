@@ -240,13 +240,6 @@ static int draw(const twist *s, studio_image *im) {
     return bad;
 }
 
-static void paste(studio_image *to, const studio_image *from, int x, int y) {
-    int row;
-    for (row = 0; row < from->height; row++)
-        memcpy(to->rgb + 3 * ((size_t)(y + row) * (size_t)to->width + (size_t)x),
-               from->rgb + 3 * (size_t)row * (size_t)from->width, 3 * (size_t)from->width);
-}
-
 static void add_bar(const twist *s, studio_image *im) {
     studio_colorbar(im, im->width - 76, 44, 13, im->height / 3, 0, (double)full_scale(s) / 1000, "stress, kPa");
 }
@@ -264,7 +257,7 @@ static int draw_moment(twist *s, int k) {
         else snprintf(text, sizeof text, "%.0f degrees, %.1f N m", s->angle, s->torque);
         studio_text(&panel, 20, 36, 15, ink, text);
         if (k == 1) add_bar(s, &panel);
-        paste(&s->sheet, &panel, k % COLUMNS * W, k / COLUMNS * H);
+        studio_image_paste(&s->sheet, &panel, k % COLUMNS * W, k / COLUMNS * H);
     }
     studio_image_free(&panel);
     return bad;

@@ -47,7 +47,7 @@ static void bar_begin(bar *b, int across, int far_layers, const peri_material *m
             }
     wd.gravity.z = -gravity;
     wd.integrator = integrator;
-    wd.tolerance = 1e-5;
+    wd.tolerance = 1e-7;    /* static, so nearly singular: the error is up to a thousand times the last correction */
     wd.max_iterations = 3000;
     wd.cap_is_error = 1;
     b->world = peri_world_create(&wd, NULL);
@@ -136,7 +136,8 @@ static void small_cantilever_other_models(void) {
 
 static void large_cantilever(void) {
     static const double g[3] = {0.981, 2.4525, 9.81};
-    static const double reference[3][2] = {{-0.06684345, -0.3459053}, {-0.2595843, -0.6490298}, {-0.687643, -0.9641194}};
+    static const double reference[3][2] = {
+        {-0.06684345, -0.3459053}, {-0.2595843, -0.6490298}, {-0.687643, -0.9641194}};
     peri_material m = peri_material_neo_hookean(1e5, 0.25, 1000);
     bar b;
     double u[3], load = 0, error;
@@ -211,13 +212,14 @@ static void pull(const peri_material *m, double to, int steps, double *stress) {
 }
 
 static void gripped_bar(void) {
-    static const double stretch[5] = {1.1, 1.25, 1.5, 1.75, 2}, reference[5] = {9427.7221, 21643.35, 38739.764, 53421.083,
-                                                                             66688.787};
+    static const double stretch[5] = {1.1, 1.25, 1.5, 1.75, 2},
+                        reference[5] = {9427.7221, 21643.35, 38739.764, 53421.083, 66688.787};
     peri_material m = peri_material_neo_hookean(1e5, 0.25, 1000);
     double stress[100];
     int k;
     pull(&m, 0.9, 10, stress);
-    printf("    stretch 0.90: %.0f Pa (finite elements %.0f), ratio %.4f\n", stress[9], -10907.985, stress[9] / -10907.985);
+    printf("    stretch 0.90: %.0f Pa (finite elements %.0f), ratio %.4f\n", stress[9], -10907.985,
+           stress[9] / -10907.985);
     NEAR(stress[9] / -10907.985, 1, 0.03);
     pull(&m, 2, 100, stress);
     for (k = 0; k < 5; k++) {
@@ -233,7 +235,8 @@ static void gripped_bar_of_the_papers(void) {
     peri_material m = peri_material_neo_hookean_papers(1e5, 0.25, 1000);
     double stress[100];
     pull(&m, 2, 100, stress);
-    printf("    papers' A1/A1: stretch 1.25 ratio %.3f, 2.00 ratio %.3f\n", stress[24] / 21643.35, stress[99] / 66688.787);
+    printf("    papers' A1/A1: stretch 1.25 ratio %.3f, 2.00 ratio %.3f\n", stress[24] / 21643.35,
+           stress[99] / 66688.787);
     CHECK(stress[99] / 66688.787 > 1.3);
 }
 
