@@ -53,14 +53,15 @@
               before anything changes. A step that fails leaves the world as it was before the step.
 
    WORKING RANGE (measured by the tests and examples)
-       time step      any that is finite; 1/240 to 1/30 s is what it is tuned for. Backward Euler loses motion, BDF2 less:
-                      of a vibration with 20 steps a period 0.06 and 57 % of the energy are left after three periods.
+       time step      any that is finite; tuned for 1/240 to 1/30 s. Backward Euler loses motion, BDF2 less: of a
+                      vibration with 20 steps a period 0.06 and 57 % of the energy are left after three periods.
        stretch        0.3 to 2.5 (healthy_min, healthy_max of the material): beyond, a particle is pulled back to shape.
        nu             correspondence and stretch: -0.99 to 0.49; projective: 1/4 whatever is asked.
-       accuracy       correspondence: within 5 % of finite elements with 8 particles across, 8 to 9 % with 4 (cantilever
-                      tip); stretch 11 to 17 % and projective 21 % too stiff with 8 across, by their surfaces; projective
-                      torsion 36 % too stiff with 8 across.
-       recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles can stay.
+       accuracy       correspondence: within 5 % of finite elements with 8 particles across, 8 to 9 % with 4
+                      (cantilever tip); stretch 11 to 17 % and projective 21 % too stiff with 8 across, by their
+                      surfaces; projective torsion 36 % too stiff with 8 across.
+       recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles can
+                      stay.
        momentum       kept to rounding by the forces of stretch and correspondence; the projective model's have a torque
                       (0.012 E d^3 at forces of 0.4 E d^2): free bodies are corrected (keep_momentum), held ones not.
        contact        particles sink into colliders by their weight over the stiffness of their bonds: 0.01 to 0.02

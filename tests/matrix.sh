@@ -197,6 +197,22 @@ quick_start() { # COMPILER STANDARD HEADER PRECISION
     ${tool%% *} -o "$case/program" "$case/unit.o" -lm && "$case/program"
 }
 
+# The README's program: its C blocks after the one that includes, inside a main.
+readme_start() { # COMPILER STANDARD
+    awk '/^```c$/ { in_block = 1; n++; next } /^```$/ { in_block = 0 } in_block && n > 1' README.md >"$case/lines"
+    [ "$(grep -c ';' "$case/lines")" -ge 3 ] || { echo "no program in README.md"; return 1; }
+    {
+        unit PERI_IMPLEMENTATION +peri.h
+        echo 'int main(void) {'
+        cat "$case/lines"
+        echo 'peri_world_destroy(world); return 0; }'
+    } >"$case/unit.c"
+    # shellcheck disable=SC2086
+    object "$1" "$2" "$case/unit.o" "$case/unit.c" -O1 $example_flags || return 1
+    tool=$(driver "$1" "$2")
+    ${tool%% *} -o "$case/program" "$case/unit.o" -lm && "$case/program"
+}
+
 # -- the matrix ------------------------------------------------------------------------------------------------------
 
 for header in $headers; do attempt "$header: ASCII, LF, at most 120 columns" plain_text "$header"; done
@@ -255,6 +271,7 @@ for cc in $compilers; do
             attempt "$cc $std: quick start of $header" quick_start $cc $std $header ""
             attempt "$cc $std: quick start of $header in double" quick_start $cc $std $header PERI_DOUBLE
         done
+        attempt "$cc $std: the program in README.md" readme_start $cc $std
         for precision in "" PERI_DOUBLE; do
             attempt "$cc $std${precision:+ $precision}: no variables, only peri_ is external" \
                 clean_symbols $cc $std ${precision:+$precision} PERI_IMPLEMENTATION +peri.h

@@ -2,7 +2,7 @@
    gripped bar. In double: the subject is the method, not the rounding.
 
    References, E = 1e5 Pa, rho = 1000 kg/m^3, 1 x 0.2 x 0.2 m, one end face held (cantilever) or both gripped (bar):
-     small cantilever, g = 0.05 m/s^2 : linear static, quadratic bricks with reduced integration (CalculiX C3D20R), 8 over
+     small cantilever, g = 0.05 m/s^2 : linear static, quadratic bricks, reduced integration (CalculiX C3D20R), 8 over
                                         the height, displacement of the centroid of the end face
      large cantilever                 : neo-Hookean nu 0.25, quadratic tetrahedra (FEniCS P2), 6 boxes over the height
      first bending frequency          : CalculiX C3D20R, 4 over the height, nu 0.25
