@@ -20,6 +20,7 @@
 
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
+#include "studio_peri.h"
 
 static const double young = 1e5, density = 1000;
 static const float ink[3] = {0.13f, 0.15f, 0.19f};
@@ -68,29 +69,6 @@ static beam_def default_beam(void) {
     return d;
 }
 
-static int choose_material(const char *name, double nu, peri_material *m) {
-    peri_real e = (peri_real)young, ratio = (peri_real)nu, rho = (peri_real)density;
-    if (!name || !strcmp(name, "neo_hookean")) *m = peri_material_neo_hookean(e, ratio, rho);
-    else if (!strcmp(name, "linear")) *m = peri_material_linear(e, ratio, rho);
-    else if (!strcmp(name, "projective")) *m = peri_material_projective(e, (peri_real)0.5, rho);
-    else if (!strcmp(name, "papers")) *m = peri_material_neo_hookean_papers(e, ratio, rho);
-    else if (!strcmp(name, "stvk")) *m = peri_material_stvk(e, ratio, rho);
-    else if (!strcmp(name, "stvk_exact")) *m = peri_material_stvk_exact(e, ratio, rho);
-    else if (!strcmp(name, "stable")) *m = peri_material_stable_neo_hookean(e, ratio, rho);
-    else return studio_error("unknown --model %s; see --help", name);
-    return 0;
-}
-
-static int choose_solver(const char *name, peri_solver *solver) {
-    static const char *const names[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"};
-    int k;
-    for (k = 0; k < 5; k++)
-        if (!strcmp(name ? name : "auto", names[k])) return *solver = (peri_solver)k, 0;
-    return studio_error("unknown --solver %s; see --help", name);
-}
-
-static int beam_failed(const beam *b) { return studio_error("%s", peri_last_error(b->world)->text); }
-
 /* Lattice of the beam, layer by layer from the clamp to the tip. */
 static int beam_sample(beam *b) {
     int n = b->def.across, i;
@@ -124,7 +102,7 @@ static int beam_begin(beam *b, const beam_def *def, const studio_options *o) {
     wd.tolerance = (peri_real)def->tolerance;
     wd.max_iterations = 1000;
     wd.parallel.threads = o->threads;
-    if (choose_solver(o->solver, &wd.solver)) return -1;
+    if (studio_solver(o->solver, &wd.solver)) return -1;
     b->world = peri_world_create(&wd, &err);
     if (!b->world) return studio_error("%s", err.text);
     bd.points = b->rest;
@@ -134,7 +112,7 @@ static int beam_begin(beam *b, const beam_def *def, const studio_options *o) {
     bd.fixed = b->held;
     bd.material = peri_material_create(b->world, &def->material);
     b->body = peri_body_create(b->world, &bd);
-    return b->body.index1 ? 0 : beam_failed(b);
+    return b->body.index1 ? 0 : studio_failed(b->world);
 }
 
 static void beam_end(beam *b) {
@@ -145,7 +123,9 @@ static void beam_end(beam *b) {
     memset(b, 0, sizeof *b);
 }
 
-static int beam_step(beam *b, double dt) { return peri_world_step(b->world, (peri_real)dt) ? beam_failed(b) : 0; }
+static int beam_step(beam *b, double dt) {
+    return peri_world_step(b->world, (peri_real)dt) ? studio_failed(b->world) : 0;
+}
 
 /* Rest under constant loads: steps of 1000 s have no inertia. */
 static int beam_settle(beam *b) {
@@ -188,7 +168,7 @@ static int fall_begin(fall *f, int across, const studio_options *o) {
     d.across = across;
     d.gravity = 9.81;
     d.tolerance = 1e-5; /* BDF2 with steps of 1 ms wants more than the 1e-3 of the defaults */
-    if (choose_material(o->model, 0.25, &d.material)) return -1;
+    if (studio_material(o->model, young, 0.25, density, &d.material)) return -1;
     for (way = 0; way < WAYS; way++)
         for (k = 0; k < STEPS && !bad; k++) {
             d.integrator = way ? PERI_BDF2 : PERI_BACKWARD_EULER;
@@ -253,7 +233,7 @@ static int draw_beam(studio_scene *s, beam *b, double dy, double dz, int value, 
     const peri_real *x = peri_body_positions(b->world, b->body);
     float p[3], rgb[3];
     int i;
-    if (!flat && peri_body_values(b->world, b->body, (peri_value)value, b->x)) return beam_failed(b);
+    if (!flat && peri_body_values(b->world, b->body, (peri_value)value, b->x)) return studio_failed(b->world);
     for (i = 0; i < b->count; i++) {
         studio_set(p, (float)x[3 * i], (float)((double)x[3 * i + 1] + dy), (float)((double)x[3 * i + 2] + dz));
         if (flat) memcpy(rgb, flat, sizeof rgb);
@@ -362,7 +342,7 @@ static int hang(const char *model, double nu, int across, const studio_options *
     d.across = across;
     d.gravity = 0.05;
     d.tolerance = 1e-5;
-    if (choose_material(model, nu, &d.material)) return -1;
+    if (studio_material(model, young, nu, density, &d.material)) return -1;
     bad = beam_begin(&b, &d, o) || beam_settle(&b);
     if (!bad) *tip = tip_moved(&b, 2);
     beam_end(&b);
@@ -430,7 +410,7 @@ static int pull(beam *b, int basis, int across, const studio_options *o) {
     bad = beam_begin(b, &d, o);
     for (k = 1; k <= 8 && !bad; k++) {
         for (i = 0; i < n; i++) b->x[3 * i] = (peri_real)(k / 8.0 * pull_stress * 0.04 / n);
-        if (peri_body_set_forces(b->world, b->body, b->count - n, n, b->x)) return beam_failed(b);
+        if (peri_body_set_forces(b->world, b->body, b->count - n, n, b->x)) return studio_failed(b->world);
         bad = beam_step(b, 1000);
     }
     return bad || beam_settle(b);
@@ -531,7 +511,7 @@ static int stretch(beam *b, const beam_def *d, double strain, const studio_optio
             double at = (double)b->rest[3 * i];
             b->x[3 * i] = (peri_real)((double)x[3 * i] + strain / pieces * fmin(fmax(at, 0), 1));
         }
-        if (peri_body_set_positions(b->world, b->body, 0, b->count, b->x)) return beam_failed(b);
+        if (peri_body_set_positions(b->world, b->body, 0, b->count, b->x)) return studio_failed(b->world);
         bad = beam_step(b, 1000);
     }
     return bad || beam_settle(b);
@@ -563,7 +543,7 @@ static int measure_contraction(const char *model, double nu, int kernel, const s
     d.both = 1;
     d.kernel = (peri_kernel)kernel;
     d.tolerance = 1e-5;
-    if (choose_material(model, nu, &d.material)) return -1;
+    if (studio_material(model, young, nu, density, &d.material)) return -1;
     bad = stretch(&b, &d, 0.01, o);
     if (!bad) *out = contraction(&b);
     beam_end(&b);
@@ -607,7 +587,7 @@ static int picture_thinner(const studio_options *o) {
     int k, bad = 0;
     d.both = 1;
     for (k = 0; k < RATIOS && !bad; k++) {
-        bad = choose_material("neo_hookean", ratio[k], &d.material) || stretch(&b[k], &d, 0.6, o);
+        bad = studio_material("neo_hookean", young, ratio[k], density, &d.material) || stretch(&b[k], &d, 0.6, o);
     }
     bad = bad || picture_stack(b, RATIOS, PERI_VALUE_STRESS, 8e4, 1000, note,
                                "Stretched to 1.6 with three Poisson's ratios", "Mises, kPa", "poisson.png", o);

@@ -17,6 +17,7 @@
 
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
+#include "studio_peri.h"
 
 enum { NEO_HOOKEAN, STVK_EXACT, STABLE, LINEAR, PAPERS, STVK, PROJECTIVE, MODELS };
 static const char *const model_name[MODELS] = {"neo_hookean", "stvk_exact", "stable", "linear",
@@ -42,23 +43,9 @@ static const double elements[][2] = {{0.85, -17099.83}, {0.90, -10907.99}, {0.95
 enum { ELEMENTS = sizeof elements / sizeof elements[0], REST = 3 };
 
 static peri_material make_material(int model, double poisson) {
-    peri_real e = (peri_real)young, nu = (peri_real)poisson, rho = (peri_real)density;
-    switch (model) {
-    case NEO_HOOKEAN: return peri_material_neo_hookean(e, nu, rho);
-    case STVK_EXACT: return peri_material_stvk_exact(e, nu, rho);
-    case STABLE: return peri_material_stable_neo_hookean(e, nu, rho);
-    case LINEAR: return peri_material_linear(e, nu, rho);
-    case PAPERS: return peri_material_neo_hookean_papers(e, nu, rho);
-    case STVK: return peri_material_stvk(e, nu, rho);
-    default: return peri_material_projective(e, (peri_real)0.5, rho);
-    }
-}
-
-static int find(const char *name, const char *const *names, int count, const char *what) {
-    int k;
-    for (k = 0; k < count; k++)
-        if (!strcmp(name, names[k])) return k;
-    return studio_error("unknown %s %s; see --help", what, name);
+    peri_material m;
+    if (studio_material(model_name[model], young, poisson, density, &m)) exit(2); /* a name that is none */
+    return m;
 }
 
 /* ----------------------------------------------------------------------------------------- material point -------- */
@@ -202,17 +189,14 @@ typedef struct bar {
     unsigned char held[COUNT];
 } bar;
 
-static int bar_failed(const bar *b) { return studio_error("%s", peri_last_error(b->world)->text); }
-
 static int bar_begin(bar *b, int model, const studio_options *o) {
-    static const char *const solvers[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"};
     const double d = 0.2 / ACROSS;
     peri_world_def wd = peri_default_world_def();
     peri_body_def bd = peri_default_body_def();
     peri_material m = make_material(model, 0.25);
     peri_error err;
-    int i, solver = o->solver ? find(o->solver, solvers, 5, "--solver") : 0;
-    if (solver < 0) return -1;
+    int i;
+    if (studio_solver(o->solver, &wd.solver)) return -1;
     for (i = 0; i < COUNT; i++) {
         int layer = i / (ACROSS * ACROSS) - GRIP;
         b->rest[3 * i] = (peri_real)((layer + 0.5) * d);
@@ -221,7 +205,6 @@ static int bar_begin(bar *b, int model, const studio_options *o) {
         b->held[i] = layer < 0 || layer >= ALONG;
     }
     wd.gravity.z = 0;
-    wd.solver = (peri_solver)solver;
     wd.parallel.threads = o->threads;
     wd.max_iterations = 1000;
     wd.tolerance = (peri_real)2e-4;
@@ -234,7 +217,7 @@ static int bar_begin(bar *b, int model, const studio_options *o) {
     bd.fixed = b->held;
     bd.material = peri_material_create(b->world, &m);
     b->body = peri_body_create(b->world, &bd);
-    return b->body.index1 ? 0 : bar_failed(b);
+    return b->body.index1 ? 0 : studio_failed(b->world);
 }
 
 /* Draws the grips to a new stretch and finds the rest: a time step of 1000 s leaves no inertia.  The bar is put
@@ -248,8 +231,8 @@ static int bar_draw(bar *b, double stretch) {
         b->x[3 * i] = (peri_real)((double)now[3 * i] + more * (x < 0 ? 0 : x > 1 ? 1 : x));
     }
     b->stretch = stretch;
-    if (peri_body_set_positions(b->world, b->body, 0, COUNT, b->x)) return bar_failed(b);
-    if (peri_world_step(b->world, 1000)) return bar_failed(b);
+    if (peri_body_set_positions(b->world, b->body, 0, COUNT, b->x)) return studio_failed(b->world);
+    if (peri_world_step(b->world, 1000)) return studio_failed(b->world);
     return 0;
 }
 
@@ -257,7 +240,7 @@ static int bar_draw(bar *b, double stretch) {
 static int bar_stress(bar *b, double *stress) {
     static peri_real force[3 * COUNT];
     int i;
-    if (peri_body_forces(b->world, b->body, force)) return bar_failed(b);
+    if (peri_body_forces(b->world, b->body, force)) return studio_failed(b->world);
     for (*stress = 0, i = COUNT - GRIP * ACROSS * ACROSS; i < COUNT; i++) *stress -= (double)force[3 * i] / section;
     return 0;
 }
@@ -339,7 +322,7 @@ int main(int argc, char **argv) {
     if (o.model && !strcmp(o.model, "all")) {
         for (count = 0; count < MODELS; count++) chosen[count] = count;
     } else if (o.model) {
-        chosen[0] = k = find(o.model, model_name, MODELS, "--model");
+        chosen[0] = k = studio_choice("--model", o.model, model_name, MODELS);
         count = 1;
         if (k < 0) return 2;
     }

@@ -14,6 +14,7 @@
 
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
+#include "studio_peri.h"
 
 static const float dt = 1.0f / 60, gravity = 9.81f;
 enum { STEPS = 2, MOMENTS = 4 }; /* steps in a frame; moments on drop.png: flight, squash, rebound, rest */
@@ -59,38 +60,7 @@ typedef struct drop {
     double seconds, growth, depth, swollen, shrunk, slip;  /* wall time; worst figures of the run, see observe() */
 } drop;
 
-static int complain(const drop *s) { return studio_error("%s", peri_last_error(s->world)->text); }
-
 /* ---- options ---- */
-
-static peri_material projective(peri_real young, peri_real poisson, peri_real density) {
-    (void)poisson; /* this model's is 1/4 */
-    return peri_material_projective(young, 0.5f, density);
-}
-
-static int choose_material(const drop *s, peri_material *m) {
-    static const struct {
-        const char *name;
-        peri_material (*make)(peri_real young, peri_real poisson, peri_real density);
-    } known[] = {{"neo_hookean", peri_material_neo_hookean}, {"linear", peri_material_linear},
-                 {"stvk", peri_material_stvk}, {"stvk_exact", peri_material_stvk_exact},
-                 {"stable", peri_material_stable_neo_hookean}, {"papers", peri_material_neo_hookean_papers},
-                 {"projective", projective}};
-    const char *name = s->options.model ? s->options.model : "neo_hookean";
-    size_t k, n = sizeof known / sizeof known[0];
-    for (k = 0; k < n && strcmp(name, known[k].name) != 0; k++) {}
-    if (k == n) return studio_error("--model %s is unknown; see --help", name);
-    *m = known[k].make(s->young, (float)studio_number("--poisson", 0.35), (float)studio_number("--density", 500));
-    return 0;
-}
-
-static int choose_solver(const char *name, peri_solver *solver) {
-    static const char *known[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"}; /* as in peri_solver */
-    int k;
-    for (k = 0; k < 5; k++)
-        if (!name || strcmp(name, known[k]) == 0) return *solver = (peri_solver)k, 0;
-    return studio_error("--solver %s is unknown; see --help", name);
-}
 
 /* The place of the default model: below the working folder, or near this program. */
 static const char *default_model(const char *program, char *path, size_t room) {
@@ -154,7 +124,7 @@ static peri_quat turned(float x, float y, float z, float degrees) {
 static int create_world(drop *s) {
     peri_world_def def = peri_default_world_def();
     peri_error err;
-    if (choose_solver(s->options.solver, &def.solver)) return -1;
+    if (studio_solver(s->options.solver, &def.solver)) return -1;
     def.gravity.z = -gravity;
     def.tolerance = 0.01f; /* a hundredth of a spacing is below what a picture shows */
     def.parallel.threads = s->options.threads;
@@ -167,14 +137,14 @@ static int create_world(drop *s) {
 static int create_colliders(drop *s) {
     peri_collider_def def = peri_default_collider_def();
     def.friction = (float)studio_number("--friction", 0.6);
-    if (!peri_collider_create(s->world, &def).index1) return complain(s);
+    if (!peri_collider_create(s->world, &def).index1) return studio_failed(s->world);
     s->radius = 0.28f * s->size;
     studio_set(s->ball, 0.25f * s->size, 0, 0.06f * s->size);
     def.shape = peri_shape_ball(s->radius);
     def.position.x = s->ball[0];
     def.position.y = s->ball[1];
     def.position.z = s->ball[2];
-    if (!peri_collider_create(s->world, &def).index1) return complain(s);
+    if (!peri_collider_create(s->world, &def).index1) return studio_failed(s->world);
     return 0;
 }
 
@@ -182,9 +152,11 @@ static int create_body(drop *s) {
     peri_body_def def = peri_default_body_def();
     peri_material m;
     s->young = (float)studio_number("--young", 40000);
-    if (choose_material(s, &m)) return -1;
+    if (studio_material(s->options.model, (double)s->young, studio_number("--poisson", 0.35),
+                        studio_number("--density", 500), &m))
+        return -1;
     def.material = peri_material_create(s->world, &m);
-    if (!def.material.index1) return complain(s);
+    if (!def.material.index1) return studio_failed(s->world);
     def.points = s->point;
     def.count = s->count;
     def.spacing = s->spacing;
@@ -192,9 +164,9 @@ static int create_body(drop *s) {
     def.position.z = s->size * (0.5f + (float)studio_number("--height", 0.8));
     def.rotation = turned(1, 0.15f, 0, 75);
     s->body = peri_body_create(s->world, &def);
-    if (!s->body.index1) return complain(s);
+    if (!s->body.index1) return studio_failed(s->world);
     s->skin = peri_skin_create(s->world, s->body, s->mesh.v, s->mesh.vertices, s->mesh.t, s->mesh.triangles);
-    return s->skin.index1 ? 0 : complain(s);
+    return s->skin.index1 ? 0 : studio_failed(s->world);
 }
 
 /* ---- steps ---- */
@@ -227,8 +199,8 @@ static void view_free(view *v) {
 /* Takes skin, particles and stress out of the world. */
 static int look(drop *s) {
     view *v = &s->now;
-    if (peri_skin_update(s->world, s->skin, v->skin, v->normal)) return complain(s);
-    if (peri_body_values(s->world, s->body, PERI_VALUE_STRESS, v->stress)) return complain(s);
+    if (peri_skin_update(s->world, s->skin, v->skin, v->normal)) return studio_failed(s->world);
+    if (peri_body_values(s->world, s->body, PERI_VALUE_STRESS, v->stress)) return studio_failed(s->world);
     memcpy(v->particle, peri_body_positions(s->world, s->body), 3 * (size_t)s->count * sizeof(float));
     return 0;
 }
@@ -245,7 +217,7 @@ static int volume(drop *s, double *ratio) {
     }
     free(f);
     *ratio = sum / s->count;
-    return bad ? complain(s) : 0;
+    return bad ? studio_failed(s->world) : 0;
 }
 
 static double total(const peri_measure *m) { return m->kinetic + m->elastic + m->potential; }
@@ -255,7 +227,7 @@ static double total(const peri_measure *m) { return m->kinetic + m->elastic + m-
 static int observe(drop *s) {
     peri_measure *m = &s->measure;
     double ratio, fallen = m->mass * (double)gravity * s->now.time;
-    if (peri_body_measure(s->world, s->body, m) || volume(s, &ratio)) return complain(s);
+    if (peri_body_measure(s->world, s->body, m) || volume(s, &ratio)) return studio_failed(s->world);
     if (s->steps == 0) s->first = *m;
     s->growth = fmax(s->growth, total(m) / total(&s->first) - 1);
     s->depth = fmax(s->depth, 0.5 - m->lower[2] / (double)s->spacing);
@@ -269,7 +241,7 @@ static int observe(drop *s) {
 static int step(drop *s) {
     double start = studio_seconds();
     peri_stats stats;
-    if (peri_world_step(s->world, dt)) return complain(s);
+    if (peri_world_step(s->world, dt)) return studio_failed(s->world);
     stats = peri_world_stats(s->world);
     s->seconds += studio_seconds() - start;
     s->steps++;

@@ -17,6 +17,7 @@
 
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
+#include "studio_peri.h"
 
 enum { MATERIALS = 3, LOADS = 4, BASES = 2 };
 static const double load[LOADS] = {0.1, 1, 2, 3}; /* g */
@@ -64,29 +65,7 @@ static const char *const material_name[MATERIALS] = {"linear (B1/B1)", "papers' 
                                                      "exact neo-Hookean"};
 static const float colour[MATERIALS][3] = {{0.58f, 0.44f, 0.78f}, {0.27f, 0.52f, 0.80f}, {0.30f, 0.66f, 0.42f}};
 
-static int complain(const figure *s) { return studio_error("%s", peri_last_error(s->world)->text); }
-
 /* ---- materials ---- */
-
-static peri_material projective(peri_real young, peri_real poisson, peri_real density) {
-    (void)poisson; /* this model's is 1/4 */
-    return peri_material_projective(young, 0.5f, density);
-}
-
-static int choose_material(const figure *s, const char *name, peri_material *m) {
-    static const struct {
-        const char *name;
-        peri_material (*make)(peri_real young, peri_real poisson, peri_real density);
-    } known[] = {{"neo_hookean", peri_material_neo_hookean}, {"linear", peri_material_linear},
-                 {"stvk", peri_material_stvk}, {"stvk_exact", peri_material_stvk_exact},
-                 {"stable", peri_material_stable_neo_hookean}, {"papers", peri_material_neo_hookean_papers},
-                 {"projective", projective}};
-    size_t k, n = sizeof known / sizeof known[0];
-    for (k = 0; k < n && strcmp(name, known[k].name) != 0; k++) {}
-    if (k == n) return studio_error("--model %s is unknown; see --help", name);
-    *m = known[k].make(s->young, s->poisson, s->density);
-    return 0;
-}
 
 /* The stretch model with A4 for both of its functions.  All bases share f''(1), so the small-strain constants stay. */
 static void use_a4(peri_material *m) {
@@ -94,22 +73,17 @@ static void use_a4(peri_material *m) {
     m->g.a[3] = m->h.a[3] = 1;
 }
 
-static int choose_solver(const char *name, peri_solver *solver) {
-    static const char *known[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"}; /* as in peri_solver */
-    int k;
-    for (k = 0; k < 5; k++)
-        if (!name || strcmp(name, known[k]) == 0) return *solver = (peri_solver)k, 0;
-    return studio_error("--solver %s is unknown; see --help", name);
-}
-
 static int make_materials(figure *s) {
+    static const char *const first[2] = {"linear", "papers"};
+    int k;
     s->young = (float)studio_number("--young", 4e5);
     s->poisson = (float)studio_number("--poisson", 0.3);
     s->density = (float)studio_number("--density", 1000);
     s->speed = (float)studio_number("--speed", 4);
-    if (choose_material(s, "linear", &s->material[0]) || choose_material(s, "papers", &s->material[1]) ||
-        choose_material(s, s->options.model ? s->options.model : "neo_hookean", &s->material[2]))
-        return -1;
+    for (k = 0; k < MATERIALS; k++)
+        if (studio_material(k < 2 ? first[k] : s->options.model, (double)s->young, (double)s->poisson,
+                            (double)s->density, &s->material[k]))
+            return -1;
     s->base[0] = s->base[1] = s->material[0];
     use_a4(&s->base[1]);
     return 0;
@@ -182,8 +156,8 @@ static double volume_of(const figure *s, int i, double f[9]) {
 static int look(figure *s, peri_skin_id skin, pose *p) {
     double f[9];
     int i;
-    if (peri_skin_update(s->world, skin, p->v, p->n)) return complain(s);
-    if (peri_body_gradient(s->world, s->body, s->gradient)) return complain(s);
+    if (peri_skin_update(s->world, skin, p->v, p->n)) return studio_failed(s->world);
+    if (peri_body_gradient(s->world, s->body, s->gradient)) return studio_failed(s->world);
     memcpy(p->x, peri_body_positions(s->world, s->body), 3 * (size_t)s->count * sizeof(float));
     for (i = 0; i < s->count; i++) p->volume[i] = (float)volume_of(s, i, f);
     return 0;
@@ -197,14 +171,14 @@ static int begin(figure *s, const peri_material *m, int falling, peri_skin_id *s
     peri_body_def body = peri_default_body_def();
     peri_collider_def ground = peri_default_collider_def();
     peri_error err;
-    if (choose_solver(s->options.solver, &def.solver)) return -1;
+    if (studio_solver(s->options.solver, &def.solver)) return -1;
     def.parallel.threads = s->options.threads;
     def.tolerance = falling ? 1e-2f : 1e-4f; /* a motion, a measurement */
     def.max_iterations = 1000; /* the first large step after a change of load is a long one */
     s->world = peri_world_create(&def, &err);
     if (!s->world) return studio_error("%s", err.text);
     body.material = peri_material_create(s->world, m);
-    if (!body.material.index1) return complain(s);
+    if (!body.material.index1) return studio_failed(s->world);
     body.points = s->point;
     body.count = s->count;
     body.spacing = s->spacing;
@@ -214,18 +188,18 @@ static int begin(figure *s, const peri_material *m, int falling, peri_skin_id *s
         body.position.y = 0.5f;
         body.position.z = 0.75f;
         body.velocity.z = -s->speed;
-        if (!peri_collider_create(s->world, &ground).index1) return complain(s);
+        if (!peri_collider_create(s->world, &ground).index1) return studio_failed(s->world);
     }
     s->body = peri_body_create(s->world, &body);
-    if (!s->body.index1) return complain(s);
+    if (!s->body.index1) return studio_failed(s->world);
     *skin = peri_skin_create(s->world, s->body, s->mesh.v, s->mesh.vertices, s->mesh.t, s->mesh.triangles);
-    return skin->index1 ? 0 : complain(s);
+    return skin->index1 ? 0 : studio_failed(s->world);
 }
 
 static int step(figure *s, float dt) {
     double start = studio_seconds();
     peri_stats stats;
-    if (peri_world_step(s->world, dt)) return complain(s);
+    if (peri_world_step(s->world, dt)) return studio_failed(s->world);
     s->seconds += studio_seconds() - start;
     stats = peri_world_stats(s->world);
     s->steps++;
@@ -244,7 +218,7 @@ static int ascending(const void *a, const void *b) {
  * gradients, at the particle that only `share` of them are worse than. */
 static int worst(figure *s, double share, double *volume, double *stretch) {
     int i, at = (int)(share * s->count);
-    if (peri_body_gradient(s->world, s->body, s->gradient)) return complain(s);
+    if (peri_body_gradient(s->world, s->body, s->gradient)) return studio_failed(s->world);
     for (i = 0; i < s->count; i++) {
         double f[9], u[9], sigma[3], v[9];
         s->sorted[i] = volume_of(s, i, f);
@@ -302,7 +276,7 @@ static int stand(figure *s, int m) {
         peri_vec3 gravity = {0, 0, 0};
         gravity.z = -earth * (float)load[k];
         progress(s, material_name[m]);
-        bad = peri_world_set_gravity(s->world, gravity) ? complain(s) : relax(s, &s->moved[m][k]);
+        bad = peri_world_set_gravity(s->world, gravity) ? studio_failed(s->world) : relax(s, &s->moved[m][k]);
         bad = bad || worst(s, 0, &s->smallest, &stretch);
         s->height[m][k] = head(s);
         bad = bad || look(s, skin, &s->stand[m][k]);
@@ -324,7 +298,7 @@ static int fall(figure *s, int b) {
     s->fallen_volume[b] = s->fallen_stretch[b] = 1;
     for (k = 0; k < 60 && !bad; k++) {
         bad = step(s, 0.01f) || worst(s, 0.02, &s->fallen_volume[b], &s->fallen_stretch[b]);
-        if (!bad && peri_body_measure(s->world, s->body, &m)) bad = complain(s);
+        if (!bad && peri_body_measure(s->world, s->body, &m)) bad = studio_failed(s->world);
         if (bad || m.elastic <= most) continue;
         most = m.elastic;
         bad = look(s, skin, &s->fall[b]);

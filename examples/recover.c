@@ -20,6 +20,7 @@
 
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
+#include "studio_peri.h"
 
 enum { PERIDYNAMICS, SPRINGS, MATCHING, METHODS };
 enum { PLANE, LINE, POINT, MIRRORED, SHUFFLED, STARTS };
@@ -152,29 +153,6 @@ static double misfit(const shape *s, const peri_real *x, double *each) {
     return sqrt(sum / s->count) / s->spacing;
 }
 
-/* -------------------------------------------------------------------------------------------- the library -------- */
-
-static int choose_material(const char *name, peri_material *m) {
-    peri_real e = (peri_real)young, nu = (peri_real)poisson, rho = (peri_real)density;
-    if (!strcmp(name, "neo_hookean")) *m = peri_material_neo_hookean(e, nu, rho);
-    else if (!strcmp(name, "linear")) *m = peri_material_linear(e, nu, rho);
-    else if (!strcmp(name, "projective")) *m = peri_material_projective(e, (peri_real)0.5, rho);
-    else if (!strcmp(name, "papers")) *m = peri_material_neo_hookean_papers(e, nu, rho);
-    else if (!strcmp(name, "stvk")) *m = peri_material_stvk(e, nu, rho);
-    else if (!strcmp(name, "stvk_exact")) *m = peri_material_stvk_exact(e, nu, rho);
-    else if (!strcmp(name, "stable")) *m = peri_material_stable_neo_hookean(e, nu, rho);
-    else return studio_error("unknown --model %s; see --help", name);
-    return 0;
-}
-
-static int choose_solver(const char *name, peri_solver *solver) {
-    static const char *const names[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"};
-    int k;
-    for (k = 0; k < 5; k++)
-        if (!strcmp(name ? name : "auto", names[k])) return *solver = (peri_solver)k, 0;
-    return studio_error("unknown --solver %s; see --help", name);
-}
-
 /* ------------------------------------------------------------------------------------------ three methods -------- */
 
 typedef struct spring {
@@ -199,8 +177,6 @@ typedef struct run {
     int clusters;
 } run;
 
-static int peri_failed(const run *r) { return studio_error("%s", peri_last_error(r->world)->text); }
-
 static int begin_peridynamics(run *r, const studio_options *o, const char *model) {
     peri_world_def wd = peri_default_world_def();
     peri_body_def bd = peri_default_body_def();
@@ -208,7 +184,7 @@ static int begin_peridynamics(run *r, const studio_options *o, const char *model
     peri_error err;
     wd.gravity.z = 0;
     wd.parallel.threads = o->threads;
-    if (choose_solver(o->solver, &wd.solver) || choose_material(model, &m)) return -1;
+    if (studio_solver(o->solver, &wd.solver) || studio_material(model, young, poisson, density, &m)) return -1;
     r->world = peri_world_create(&wd, &err);
     if (!r->world) return studio_error("%s", err.text);
     bd.points = r->s->rest;
@@ -217,12 +193,12 @@ static int begin_peridynamics(run *r, const studio_options *o, const char *model
     bd.fixed = r->held;
     bd.material = peri_material_create(r->world, &m);
     r->body = peri_body_create(r->world, &bd);
-    return r->body.index1 ? 0 : peri_failed(r);
+    return r->body.index1 ? 0 : studio_failed(r->world);
 }
 
 static int step_peridynamics(run *r) {
     const peri_real *x;
-    if (peri_world_step(r->world, (peri_real)r->h)) return peri_failed(r);
+    if (peri_world_step(r->world, (peri_real)r->h)) return studio_failed(r->world);
     x = peri_body_positions(r->world, r->body);
     memcpy(r->x, x, 3 * (size_t)r->s->count * sizeof *x);
     return 0;
@@ -395,7 +371,7 @@ static int run_begin(run *r, const shape *s, int method, double h, unsigned char
 
 static int run_put(run *r, const peri_real *x) {
     memcpy(r->x, x, 3 * (size_t)r->s->count * sizeof *x);
-    if (r->world && peri_body_set_positions(r->world, r->body, 0, r->s->count, x)) return peri_failed(r);
+    if (r->world && peri_body_set_positions(r->world, r->body, 0, r->s->count, x)) return studio_failed(r->world);
     return 0;
 }
 

@@ -14,6 +14,7 @@
 
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
+#include "studio_peri.h"
 
 static const float dt = 1.0f / 60, side = 0.2f, length = 1.0f; /* s, m, m: the length between the grips */
 enum { MOMENTS = 6, SETTLE = 90 }; /* steps after coming back */
@@ -49,39 +50,13 @@ typedef struct twist {
     studio_gif *gif;
 } twist;
 
-static int complain(const twist *s) { return studio_error("%s", peri_last_error(s->world)->text); }
-
 /* ---- options ---- */
 
-static peri_material projective(peri_real young, peri_real poisson, peri_real density) {
-    (void)poisson; /* this model's is 1/4 */
-    return peri_material_projective(young, 0.5f, density);
-}
-
 static int choose_material(twist *s) {
-    static const struct {
-        const char *name;
-        peri_material (*make)(peri_real young, peri_real poisson, peri_real density);
-    } known[] = {{"neo_hookean", peri_material_neo_hookean}, {"linear", peri_material_linear},
-                 {"stvk", peri_material_stvk}, {"stvk_exact", peri_material_stvk_exact},
-                 {"stable", peri_material_stable_neo_hookean}, {"papers", peri_material_neo_hookean_papers},
-                 {"projective", projective}};
-    const char *name = s->options.model ? s->options.model : "neo_hookean";
-    size_t k, n = sizeof known / sizeof known[0];
-    for (k = 0; k < n && strcmp(name, known[k].name) != 0; k++) {}
-    if (k == n) return studio_error("--model %s is unknown; see --help", name);
+    const char *name = s->options.model;
     s->young = (float)studio_number("--young", 1e6);
-    s->poisson = known[k].make == projective ? 0.25f : (float)studio_number("--poisson", 0.3);
-    s->material = known[k].make(s->young, s->poisson, (float)studio_number("--density", 1000));
-    return 0;
-}
-
-static int choose_solver(const char *name, peri_solver *solver) {
-    static const char *known[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"}; /* as in peri_solver */
-    int k;
-    for (k = 0; k < 5; k++)
-        if (!name || strcmp(name, known[k]) == 0) return *solver = (peri_solver)k, 0;
-    return studio_error("--solver %s is unknown; see --help", name);
+    s->poisson = name && !strcmp(name, "projective") ? 0.25f : (float)studio_number("--poisson", 0.3);
+    return studio_material(name, (double)s->young, (double)s->poisson, studio_number("--density", 1000), &s->material);
 }
 
 /* ---- the bar ---- */
@@ -116,22 +91,22 @@ static int create(twist *s) {
     peri_body_def body = peri_default_body_def();
     peri_error err;
     int i;
-    if (choose_solver(s->options.solver, &def.solver)) return -1;
+    if (studio_solver(s->options.solver, &def.solver)) return -1;
     def.gravity.z = 0;
     def.parallel.threads = s->options.threads;
     s->world = peri_world_create(&def, &err);
     if (!s->world) return studio_error("%s", err.text);
     body.material = peri_material_create(s->world, &s->material);
-    if (!body.material.index1) return complain(s);
+    if (!body.material.index1) return studio_failed(s->world);
     body.points = s->point;
     body.count = s->count;
     body.spacing = s->spacing;
     s->body = peri_body_create(s->world, &body);
-    if (!s->body.index1) return complain(s);
+    if (!s->body.index1) return studio_failed(s->world);
     for (i = 0; i < gripped(s); i++)
         if (peri_body_set_fixed(s->world, s->body, i, 1) ||
             peri_body_set_fixed(s->world, s->body, s->count - 1 - i, 1))
-            return complain(s);
+            return studio_failed(s->world);
     return 0;
 }
 
@@ -153,7 +128,7 @@ static int drive(twist *s, double angle) {
         x.x = p[0];
         x.y = c * p[1] - q * p[2];
         x.z = q * p[1] + c * p[2];
-        if (peri_body_move(s->world, s->body, i, x)) return complain(s);
+        if (peri_body_move(s->world, s->body, i, x)) return studio_failed(s->world);
     }
     return 0;
 }
@@ -162,7 +137,7 @@ static int drive(twist *s, double angle) {
 static int measure(twist *s) {
     const float *x = peri_body_positions(s->world, s->body);
     int i;
-    if (peri_body_forces(s->world, s->body, s->force)) return complain(s);
+    if (peri_body_forces(s->world, s->body, s->force)) return studio_failed(s->world);
     s->torque = 0;
     for (i = 0; i < gripped(s); i++) {
         const float *p = x + 3 * i, *f = s->force + 3 * i;
@@ -178,7 +153,7 @@ static int step(twist *s, double angle) {
     int i;
     s->angle = angle;
     if (drive(s, angle)) return -1;
-    if (peri_world_step(s->world, dt)) return complain(s);
+    if (peri_world_step(s->world, dt)) return studio_failed(s->world);
     s->seconds += studio_seconds() - start;
     stats = peri_world_stats(s->world);
     s->steps++;
@@ -270,7 +245,7 @@ static int show(twist *s, int back, studio_image *im) {
             peri_world_stats(s->world).iterations);
     if (s->angle > 0) studio_plot_point(&s->plot, back, s->angle, s->torque);
     if (s->steps % 6 || s->steps > s->options.frames) return 0;
-    if (peri_body_values(s->world, s->body, PERI_VALUE_STRESS, s->value)) return complain(s);
+    if (peri_body_values(s->world, s->body, PERI_VALUE_STRESS, s->value)) return studio_failed(s->world);
     if (draw(s, im)) return -1;
     snprintf(text, sizeof text, "%.0f degrees", s->angle);
     studio_text(im, 18, 32, 13, ink, text);
@@ -289,7 +264,7 @@ static double exact_slope(const twist *s) {
 static void check(const twist *s) {
     peri_measure m;
     memset(&m, 0, sizeof m);
-    if (peri_body_measure(s->world, s->body, &m)) m.momentum[0] = HUGE_VAL, complain(s);
+    if (peri_body_measure(s->world, s->body, &m)) m.momentum[0] = HUGE_VAL, studio_failed(s->world);
     printf("%d particles across, %d in all\n", s->across, s->count);
     studio_check("torque at small angle over the exact one", s->moment / s->turned / exact_slope(s), "", 0.85, 1.15);
     studio_check("particles out of shape at the full turn", s->unhealthy_at_turn, "", 0, 0);
@@ -328,8 +303,9 @@ static int run(twist *s, studio_image *im) {
         if (bad || o->check) continue;
         bad = show(s, 2 * k > o->frames, im);
         m = moment_of(s, k, o->frames);
-        if (!bad && m >= 0 && peri_body_values(s->world, s->body, PERI_VALUE_STRESS, s->value)) bad = complain(s);
-        if (!bad && m >= 0) bad = draw_moment(s, m);
+        if (bad || m < 0) continue;
+        bad = peri_body_values(s->world, s->body, PERI_VALUE_STRESS, s->value) ? studio_failed(s->world)
+                                                                               : draw_moment(s, m);
     }
     studio_progress(o, end, end, NULL);
     s->home = away(s);
