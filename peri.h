@@ -204,6 +204,7 @@ typedef struct peri_body_def {
     peri_real contact_radius;       /* distance at which a particle touches a collider, in spacings, 0 to 2; 0.5 */
 } peri_body_def;
 
+/* Defaults as written above; points, count, spacing and material must be set. */
 PERI_DEF peri_body_def peri_default_body_def(void);
 
 /* A material that bodies refer to; a copy is kept. Null id on error. */
@@ -221,14 +222,17 @@ PERI_DEF int peri_body_is_valid(const peri_world *world, peri_body_id body);
 /* Number of particles; 0 for a wrong id. */
 PERI_DEF int peri_body_count(const peri_world *world, peri_body_id body);
 
-/* Present positions (m) and velocities (m/s), 3 count, read only, renewed by every step; NULL for a wrong id. */
+/* Present positions, m: 3 count, read only, renewed by every step, valid until the next body is created or destroyed;
+   NULL for a wrong id. */
 PERI_DEF const peri_real *peri_body_positions(const peri_world *world, peri_body_id body);
+/* Present velocities, m/s, in the same way. */
 PERI_DEF const peri_real *peri_body_velocities(const peri_world *world, peri_body_id body);
 
-/* Put particles first .. first + count - 1 at x (3 count, m), or give them velocities v (m/s). The rest shape stays:
-   a body put out of shape pulls itself back. */
+/* Puts particles first .. first + count - 1 at x (3 count, m). The rest shape stays: a body put out of shape pulls
+   itself back. Errors: ID, INDEX, VALUE. */
 PERI_DEF peri_result peri_body_set_positions(peri_world *world, peri_body_id body, int first, int count,
                                              const peri_real *x);
+/* Gives those particles velocities v (3 count, m/s); fixed ones keep theirs. Errors: ID, INDEX, VALUE. */
 PERI_DEF peri_result peri_body_set_velocities(peri_world *world, peri_body_id body, int first, int count,
                                               const peri_real *v);
 
@@ -305,16 +309,21 @@ typedef struct peri_collider_def {
     peri_real friction;             /* 0 to 10; 0.5 */
 } peri_collider_def;
 
+/* Defaults as written above: the plane z = 0, solid below. */
 PERI_DEF peri_collider_def peri_default_collider_def(void);
+/* A collider, or a null id. A copy of the definition is kept; what a user's distance reads must outlive it. */
 PERI_DEF peri_collider_id peri_collider_create(peri_world *world, const peri_collider_def *def);
+/* Removes a collider; what rested on it falls at the next step. */
 PERI_DEF peri_result peri_collider_destroy(peri_world *world, peri_collider_id collider);
 
 /* Puts a collider somewhere (teleports) and sets how it moves from there. For a rigid body of a game: call it every
    frame with that body's pose and velocity. */
 PERI_DEF peri_result peri_collider_set_pose(peri_world *world, peri_collider_id collider, peri_vec3 position,
                                             peri_quat rotation);
+/* How the collider moves during the steps to come: m/s, and rad/s about its position. */
 PERI_DEF peri_result peri_collider_set_velocity(peri_world *world, peri_collider_id collider, peri_vec3 velocity,
                                                 peri_vec3 spin);
+/* Pose at the end of the last step (either pointer may be NULL). */
 PERI_DEF peri_result peri_collider_pose(const peri_world *world, peri_collider_id collider, peri_vec3 *position,
                                         peri_quat *rotation);
 
@@ -325,13 +334,20 @@ PERI_DEF peri_result peri_collider_impulse(const peri_world *world, peri_collide
 
 /* ---- 4  shapes and sampling -------------------------------------------------------------------------------------- */
 
+/* Half space z <= 0. */
 PERI_DEF peri_shape peri_shape_plane(void);
+/* Box of these half extents, m. */
 PERI_DEF peri_shape peri_shape_box(peri_real half_x, peri_real half_y, peri_real half_z);
+/* Ball, m. */
 PERI_DEF peri_shape peri_shape_ball(peri_real radius);
+/* Cylinder along z, 2 half_length high, m. */
 PERI_DEF peri_shape peri_shape_cylinder(peri_real radius, peri_real half_length);
+/* Capsule along z: a cylinder of 2 half_length with half balls on both ends, m. */
 PERI_DEF peri_shape peri_shape_capsule(peri_real radius, peri_real half_length);
+/* Closed triangle mesh; the arrays are not copied and must outlive the shape. */
 PERI_DEF peri_shape peri_shape_mesh(const peri_real *vertices, int vertex_count, const int *triangles,
                                     int triangle_count);
+/* Solid where the user's signed distance is negative, within the bounds lower .. upper. */
 PERI_DEF peri_shape peri_shape_distance(peri_distance *distance, void *context, peri_vec3 lower, peri_vec3 upper);
 
 /* Signed distance of a point to a shape and its unit gradient (may be NULL). Not for meshes. */
@@ -345,6 +361,7 @@ PERI_DEF peri_real peri_shape_evaluate(const peri_shape *shape, peri_vec3 p, per
    realloc and free) is used for meshes only. */
 PERI_DEF peri_result peri_sample_with(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
                                       int *count, const peri_allocator *memory, peri_error *err);
+/* The same with realloc and free. */
 PERI_DEF peri_result peri_sample(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
                                  int *count, peri_error *err);
 #endif
@@ -357,6 +374,7 @@ PERI_DEF peri_result peri_sample(const peri_shape *shape, peri_real spacing, per
    spacings from every particle are refused. Follows affine motion exactly, to rounding. */
 PERI_DEF peri_skin_id peri_skin_create(peri_world *world, peri_body_id body, const peri_real *vertices,
                                        int vertex_count, const int *triangles, int triangle_count);
+/* Removes a skin. */
 PERI_DEF peri_result peri_skin_destroy(peri_world *world, peri_skin_id skin);
 
 /* Present positions (3 vertex_count, m) and, when normals is not NULL, unit normals of the skin. */
@@ -407,6 +425,7 @@ typedef struct peri_stats {
     peri_profile profile;
 } peri_stats;
 
+/* Counts, sizes and times; all zero for NULL. */
 PERI_DEF peri_stats peri_world_stats(const peri_world *world);
 
 #ifndef PERI_NO_DRAW
@@ -420,6 +439,7 @@ typedef struct peri_draw {
     void *user;
 } peri_draw;
 
+/* Draws all bodies through the callbacks. Costs about one iteration. Errors: ARGUMENT, VALUE. */
 PERI_DEF peri_result peri_world_draw(peri_world *world, const peri_draw *draw);
 #endif
 

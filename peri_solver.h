@@ -141,14 +141,16 @@ PERI_DEF double peri_dot(const peri_parallel *par, int n, const peri_real *a, co
 /* ---- 3  small algebra (double: accuracy matters more than speed here) -------------------------------------------- */
 /* 3x3 matrices are 9 doubles in rows. Symmetric ones are 6 in Voigt order: 00, 11, 22, 12, 02, 01. */
 
-/* Natural logarithm (x > 0, finite) and exponential (result finite) with the same bits under every libm.
-   Error below 2 ulp. */
+/* Natural logarithm, x > 0 and finite: the same bits under every libm. Error below 2 ulp. */
 PERI_DEF double peri_log(double x);
+/* Exponential, where the result is finite; in the same way. */
 PERI_DEF double peri_exp(double x);
 
-/* Determinant; inverse times determinant (cofactors transposed); product c = a b. c may not alias a or b. */
+/* Determinant. */
 PERI_DEF double peri_det3(const double a[9]);
+/* Inverse times determinant: the cofactors, transposed. c may not alias a. */
 PERI_DEF void peri_adjugate3(const double a[9], double c[9]);
+/* c = a b. c may not alias a or b. */
 PERI_DEF void peri_mul3(const double a[9], const double b[9], double c[9]);
 
 /* Eigenvalues (ascending) and orthonormal eigenvectors (columns of v, right-handed) of a symmetric matrix in Voigt
@@ -214,8 +216,9 @@ PERI_DEF peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a
    several threads with different x and work. */
 PERI_DEF void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work);
 
-/* Entries of L, and all bytes held. */
+/* Entries of L. */
 PERI_DEF size_t peri_cholesky_entries(const peri_cholesky *f);
+/* Bytes held by the factor, symbolic part included. */
 PERI_DEF size_t peri_cholesky_bytes(const peri_cholesky *f);
 
 /* Multiplications and additions of one factorisation, counted from the pattern. */
