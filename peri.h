@@ -461,7 +461,6 @@ PERI_DEF peri_result peri_world_draw(peri_world *world, const peri_draw *draw);
 
 #define PERI__GRAIN 256 /* particles in a piece of a parallel loop; fixed, so that results do not depend on it */
 #define PERI__HORIZON_MAX 6
-#define PERI__GENERATION(id) ((id).generation)
 
 /* Things with ids live in slots; every one begins with this. */
 typedef struct peri__slot {
@@ -481,7 +480,6 @@ enum { PERI__FIXED = 1, PERI__MOVED = 2, PERI__SINGULAR = 4, PERI__FLAT = 8 };  
 typedef struct peri__body {
     peri__slot slot;
     int first, count;           /* its range in the world's particle arrays */
-    int material;
     peri__matter matter;
     peri__bonds bonds;          /* points into block; mode and special are set by peri__view */
     void *block;
@@ -491,10 +489,8 @@ typedef struct peri__body {
     peri_real *points;          /* reference positions as they were given */
     peri_real *value, *diagonal;    /* of the matrix */
     peri_real *stiffness, *pinned;  /* sum of a row's bonds; stiffness of contacts in the diagonal, N/m */
-    peri_quat rotation;         /* of the definition: points to world, for skins */
-    peri_vec3 position;
+    peri_quat rotation;         /* of the definition: turns points as given, for skins */
     double spacing, horizon, radius, mass;
-    int partial_volume;
     int fixed, singular, unhealthy, touching;
     int steps;                  /* since the last break of its history: BDF2 needs one */
     double step_before;         /* dt of the last step, for BDF2 with changing steps */
@@ -2699,6 +2695,7 @@ peri_material_id peri_material_create(peri_world *w, const peri_material *materi
 peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
     peri_body_id id = {0, 0};
     peri__body b, *slot = NULL;
+    const peri__stored_material *material;
     peri__making make;
     unsigned char *flags = NULL;
     peri_result bad;
@@ -2714,13 +2711,12 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         make.def = d;
         b.first = w->particles;
         b.count = d->count;
-        b.material = (int)d->material.index1 - 1;
-        peri__matter_make(&((peri__stored_material *)(void *)peri__slot_at(&w->materials, b.material))->m, &b.matter);
+        material = (peri__stored_material *)(void *)peri__slot_at(&w->materials, (int)d->material.index1 - 1);
+        peri__matter_make(&material->m, &b.matter);
         b.spacing = (double)d->spacing;
         b.horizon = (double)d->horizon;
         b.radius = (double)d->contact_radius * b.spacing;
         b.rotation = d->rotation;
-        b.position = d->position;
         bad = peri__body_build(w, &b, &make, &flags);
     }
     if (!bad) {
@@ -3529,7 +3525,7 @@ typedef struct peri__solve {
     peri__pass pass;
     peri__solver_context context;
     peri_lbfgs lbfgs;
-    peri_real *g, *g1, *p, *change, *scratch;
+    peri_real *g, *g1, *p, *change;
     double *x, *base;
     int contact_begin, contact_end;
     int n;                      /* 3 count */
@@ -3628,10 +3624,10 @@ static int peri__iterate(peri__solve *s, double tolerance, double *length) {
     const peri_parallel *par = &s->w->def.parallel;
     double alpha;
     int k;
-    peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->scratch, peri__global_step, &s->context);
+    peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, &s->context);
     if (!(peri_dot(par, s->n, s->g, s->p) < 0)) {
         peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
-        peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->scratch, peri__global_step, &s->context);
+        peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, &s->context);
     }
     *length = peri__largest(s->p, s->n);
     if (*length <= tolerance) {     /* the last correction is made, not checked: a body at rest must not creep by it */
@@ -3666,7 +3662,6 @@ static void peri__solve_begin(peri__solve *s, peri_world *w, peri__body *b, doub
     s->g1 = w->g1 + at;
     s->p = w->p + at;
     s->change = w->change + at;
-    s->scratch = w->change + at;
     s->context.w = w;
     s->context.b = b;
     peri__pass_begin(&s->pass, w, b, s->g);
