@@ -73,9 +73,10 @@
        1  world and step
        2  bodies
        3  colliders
-       4  shapes and sampling
-       5  skins
-       6  looking: values, statistics, debug drawing
+       4  contacts and attachments
+       5  shapes and sampling
+       6  skins
+       7  looking: values, statistics, debug drawing
        implementation: memory, world, neighbours and bonds, bodies, colliders, the step, queries, sampling, skins
 
    HISTORY
@@ -95,6 +96,7 @@ typedef struct peri_body_id { uint32_t index1, generation; } peri_body_id;
 typedef struct peri_material_id { uint32_t index1, generation; } peri_material_id;
 typedef struct peri_collider_id { uint32_t index1, generation; } peri_collider_id;
 typedef struct peri_skin_id { uint32_t index1, generation; } peri_skin_id;
+typedef struct peri_attachment_id { uint32_t index1, generation; } peri_attachment_id;
 
 typedef struct peri_quat { peri_real x, y, z, w; } peri_quat;
 
@@ -127,12 +129,18 @@ typedef struct peri_world_def {
     peri_real matrix_scale;     /* of the elastic part of the matrix, 0.05 to 4; 0.4. Changes speed, not the answer */
     int keep_momentum;          /* 1: bodies that touch nothing keep linear and angular momentum to rounding, where
                                    backward Euler alone damps rotation; 0: the bare integrator */
+    peri_real sleep_speed;      /* bodies whose particles all move slower (spacings a second) for sleep_time fall
+                                   asleep with all that they touch, and cost nothing until they are touched; 0.1.
+                                   0: none sleeps */
+    peri_real sleep_time;       /* s, and at least 15 steps; 0.5 */
     int max_particles;          /* limits; growth beyond them is refused. 2^24 */
     int max_bonds;              /* directed, so twice the number of pairs. 2^30 */
     int max_bodies;             /* 65535 */
     int max_materials;          /* 1024 */
     int max_colliders;          /* 1024 */
     int max_skins;              /* 1024 */
+    int max_attachments;        /* 65535 */
+    int max_contacts;           /* particles that touch at the same time, colliders and bodies together; 2^24 */
     size_t spare_bytes;         /* with a buffer: what is left for factors, skins and sampling; 0 */
     peri_allocator memory;      /* resize NULL: realloc and free */
     peri_parallel parallel;     /* run NULL: OpenMP if compiled in; threads 1 */
@@ -184,6 +192,16 @@ typedef enum peri_kernel {
     PERI_KERNEL_SHIFTED     /* 1 / (1 + r/delta) (SH figure 9) */
 } peri_kernel;
 
+/* What the points of a body are. */
+typedef enum peri_form {
+    PERI_FORM_SOLID,        /* points fill a volume: spacing^3 each */
+    PERI_FORM_SHEET,        /* one layer of points on a surface: a membrane in plane stress and a plate's bending, of the
+                               given thickness. spacing^2 thickness each */
+    PERI_FORM_ROD           /* points in order along a line: a round rod of the given thickness (its diameter). Ghost
+                               particles around the line carry bending and twist; they are in no array of the user's
+                               and touch nothing. spacing pi/4 thickness^2 each */
+} peri_form;
+
 typedef struct peri_body_def {
     uint32_t cookie;
     const peri_real *points;        /* 3 count: reference positions, m; no two closer than 1e-3 spacing */
@@ -196,12 +214,28 @@ typedef struct peri_body_def {
     peri_real kernel_power;         /* -4 to 4; 0.7 */
     int partial_volume;             /* 1: bonds within half a spacing of the horizon count linearly less (1 at
                                        delta - d/2, 1/2 at delta); 0 */
+    peri_form form;                 /* PERI_FORM_SOLID */
+    peri_real thickness;            /* of a sheet, diameter of a rod, m, > 0; of solids without meaning */
+    peri_real bending;              /* sheets and rods: factor on the flexural rigidity, that of the thickness being 1;
+                                       0 to 1e6; 1 */
+    int closed;                     /* rods: 1 joins the last point to the first; 0 */
     peri_material_id material;
+    const peri_material_id *materials;  /* material_count more materials, of the same model, for material_of */
+    int material_count;
+    const unsigned char *material_of;   /* count: 0 is `material`, k is materials[k - 1]; NULL: all 0 */
+    const peri_real *stiffness;     /* count, 1e-6 to 1e6: factor on each particle's stiffness; NULL: 1 */
+    const peri_real *directions;    /* 9 count: material directions of each particle of an anisotropic material, as
+                                       peri_material.direction, in the frame of the points; NULL: the material's */
     peri_vec3 position;             /* the points are rotated, then moved by this, m */
     peri_quat rotation;             /* unit within 1e-3; identity */
     peri_vec3 velocity;             /* m/s */
     peri_vec3 spin;                 /* rad/s, about the centre of mass */
-    peri_real contact_radius;       /* distance at which a particle touches a collider, in spacings, 0 to 2; 0.5 */
+    peri_real contact_radius;       /* distance at which a particle touches a collider, in spacings, 0 to 2; 0.5. Two
+                                       bodies touch at the sum of their distances */
+    peri_real friction;             /* against bodies, 0 to 10: two take the geometric mean; 0.5. Against a collider
+                                       the collider's counts */
+    int self_contact;               /* 1: the body touches itself where it was not close to itself at rest; 0 */
+    uint32_t group, touches;        /* bits. Two bodies touch when each one's group meets the other's touches; 1, all */
 } peri_body_def;
 
 /* Defaults as written above; points, count, spacing and material must be set. */
@@ -247,6 +281,18 @@ PERI_DEF peri_result peri_body_set_fixed(peri_world *world, peri_body_id body, i
    than half a spacing a step against its free neighbours: in one leap past them it would mirror their bonds. */
 PERI_DEF peri_result peri_body_move(peri_world *world, peri_body_id body, int particle, peri_vec3 x);
 
+/* Rods: turns the fixed particle's section to `rotation` (from its rest orientation in the world) by the end of the next
+   step, about the particle. Errors: ID, INDEX, VALUE, ARGUMENT (free particle, no rod). */
+PERI_DEF peri_result peri_rod_turn(peri_world *world, peri_body_id body, int particle, peri_quat rotation);
+/* Rods: moment of the inner forces on a particle's section about the particle, N m. */
+PERI_DEF peri_result peri_rod_moment(peri_world *world, peri_body_id body, int particle, peri_vec3 *moment);
+
+/* 1 while the body sleeps. */
+PERI_DEF int peri_body_is_asleep(const peri_world *world, peri_body_id body);
+/* Wakes a body and all that it rests with. Every change of a body, of a collider that it touches or of gravity does the
+   same. */
+PERI_DEF peri_result peri_body_wake(peri_world *world, peri_body_id body);
+
 /* What a body is and does. Energies in J; potential of gravity about the origin; momenta about the origin. */
 typedef struct peri_measure {
     double mass;                        /* kg */
@@ -279,7 +325,8 @@ typedef enum peri_shape_kind {
     PERI_SHAPE_CYLINDER,    /* radius, half_length along z */
     PERI_SHAPE_CAPSULE,     /* radius, half_length of its straight part along z */
     PERI_SHAPE_MESH,        /* closed triangle mesh (sampling only) */
-    PERI_SHAPE_DISTANCE     /* user's signed distance */
+    PERI_SHAPE_DISTANCE,    /* user's signed distance */
+    PERI_SHAPE_NONE         /* touches nothing: a moving frame to attach to (colliders only) */
 } peri_shape_kind;
 
 /* Signed distance (m, negative inside) at p and, when gradient is not NULL, its unit gradient. Outside it may be a
@@ -327,12 +374,64 @@ PERI_DEF peri_result peri_collider_set_velocity(peri_world *world, peri_collider
 PERI_DEF peri_result peri_collider_pose(const peri_world *world, peri_collider_id collider, peri_vec3 *position,
                                         peri_quat *rotation);
 
-/* Impulse (N s) that the particles gave to the collider in the last step, and its moment about the collider's position
-   (N m s): apply both to the game's rigid body. */
+/* Impulse (N s) that the particles gave to the collider in the last step, by contact and by attachments, and its moment
+   about the collider's position (N m s): apply both to the game's rigid body. */
 PERI_DEF peri_result peri_collider_impulse(const peri_world *world, peri_collider_id collider, peri_vec3 *linear,
                                            peri_vec3 *angular);
 
-/* ---- 4  shapes and sampling -------------------------------------------------------------------------------------- */
+/* ---- 4  contacts and attachments --------------------------------------------------------------------------------- */
+
+/* A particle that touches. */
+typedef struct peri_contact {
+    peri_body_id body;
+    int particle;
+    peri_body_id other;             /* the body that it touches, or null */
+    peri_collider_id collider;      /* the collider that it touches, or null */
+    int nearest;                    /* particle of `other` that is nearest */
+    peri_vec3 point, normal;        /* of the particle, m; unit, towards it */
+    peri_vec3 force;                /* on the particle, N */
+    peri_real overlap;              /* how much closer than its distance it is, m */
+} peri_contact;
+
+/* Contacts of the last step, those of sleeping bodies included: at most capacity into out, all counted in *count. out
+   NULL: counts only. Errors: ARGUMENT. */
+PERI_DEF peri_result peri_world_contacts(const peri_world *world, peri_contact *out, int capacity, int *count);
+
+/* A spring between a particle and a point: of the world, of a collider's frame (then its impulse is handed back by
+   peri_collider_impulse), or another particle. It acts inside the solve, like every other force. */
+typedef struct peri_attachment_def {
+    uint32_t cookie;
+    peri_body_id body;
+    int particle;
+    peri_body_id other;             /* null: no body */
+    int other_particle;
+    peri_collider_id collider;      /* null: no collider; neither: the world */
+    int here;                       /* 1: the spring is at rest as the particles are now: `point` becomes the particle's
+                                       position, or `length` the present distance of two particles; 1 */
+    peri_vec3 point;                /* here 0: in the collider's frame or the world's, m */
+    peri_real length;               /* rest length, m, >= 0; 0 */
+    int rope;                       /* 1: pulls only; 0 */
+    peri_real stiffness;            /* N/m; 0: rigid, as far as the solver can (10 times the particle's own) */
+    peri_real break_force;          /* N, > 0; the attachment is gone after a step that ends above it; 1e30 */
+} peri_attachment_def;
+
+/* Defaults as written above; body and particle must be set. */
+PERI_DEF peri_attachment_def peri_default_attachment_def(void);
+/* An attachment, or a null id. It goes with its bodies and its collider. */
+PERI_DEF peri_attachment_id peri_attachment_create(peri_world *world, const peri_attachment_def *def);
+/* Removes an attachment. */
+PERI_DEF peri_result peri_attachment_destroy(peri_world *world, peri_attachment_id attachment);
+/* 1 while the attachment holds. */
+PERI_DEF int peri_attachment_is_valid(const peri_world *world, peri_attachment_id attachment);
+/* Moves the point (collider's frame or world's, m): to drag a particle by a mouse, or to reel in. */
+PERI_DEF peri_result peri_attachment_set_point(peri_world *world, peri_attachment_id attachment, peri_vec3 point);
+/* Force on the particle at the end of the last step, N. */
+PERI_DEF peri_result peri_attachment_force(const peri_world *world, peri_attachment_id attachment, peri_vec3 *force);
+
+/* ---- 5  shapes and sampling -------------------------------------------------------------------------------------- */
+
+/* No solid at all: a collider of this shape is a moving frame for attachments. */
+PERI_DEF peri_shape peri_shape_none(void);
 
 /* Half space z <= 0. */
 PERI_DEF peri_shape peri_shape_plane(void);
@@ -364,9 +463,37 @@ PERI_DEF peri_result peri_sample_with(const peri_shape *shape, peri_real spacing
 /* The same with realloc and free. */
 PERI_DEF peri_result peri_sample(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
                                  int *count, peri_error *err);
+
+/* Square lattice for a sheet: the rectangle width (x) by height (y) in the plane z = 0 about the origin, cell centres as
+   above, x running fastest. Called twice as above. */
+PERI_DEF peri_result peri_sample_rectangle(peri_real width, peri_real height, peri_real spacing, peri_real *points,
+                                           int capacity, int *count, peri_error *err);
+
+/* How even a sampled surface or line came out: distance of a point to its nearest neighbour, in m. */
+typedef struct peri_sample_report {
+    double least, mean, most;
+    double measure;             /* area of the surface, m^2, or length of the line, m */
+} peri_sample_report;
+
+/* One layer of points on the surface of a triangle mesh, open or closed, coincident vertices welded, evenly `spacing`
+   apart, borders and (above 40 degrees) creases kept. areas (capacity, m^2; may be NULL): each point's share of the
+   surface; times the thickness it is the point's volume. report may be NULL. Called twice as above. */
+PERI_DEF peri_result peri_sample_surface_with(const peri_shape *mesh, peri_real spacing, peri_real *points,
+                                              peri_real *areas, int capacity, int *count, peri_sample_report *report,
+                                              const peri_allocator *memory, peri_error *err);
+/* The same with realloc and free. */
+PERI_DEF peri_result peri_sample_surface(const peri_shape *mesh, peri_real spacing, peri_real *points,
+                                         peri_real *areas, int capacity, int *count, peri_sample_report *report,
+                                         peri_error *err);
+
+/* Points along a polyline of vertex_count vertices (3 each, m) for a rod: round(length/spacing) equal steps, both ends
+   included; closed: back to the first, which is not repeated. *step (m; may be NULL): their distance along the line, to
+   be given as the body's spacing. Called twice as above. */
+PERI_DEF peri_result peri_sample_line(const peri_real *vertices, int vertex_count, int closed, peri_real spacing,
+                                      peri_real *points, int capacity, int *count, peri_real *step, peri_error *err);
 #endif
 
-/* ---- 5  skins ---------------------------------------------------------------------------------------------------- */
+/* ---- 6  skins ---------------------------------------------------------------------------------------------------- */
 #ifndef PERI_NO_SKINNING
 
 /* Binds the vertices of a fine mesh, given in the coordinates of the body's points (peri_body_def.points), to the
@@ -382,7 +509,7 @@ PERI_DEF peri_result peri_skin_update(peri_world *world, peri_skin_id skin, peri
 
 #endif
 
-/* ---- 6  looking: values, statistics, debug drawing --------------------------------------------------------------- */
+/* ---- 7  looking: values, statistics, debug drawing --------------------------------------------------------------- */
 
 typedef enum peri_value {
     PERI_VALUE_STRETCH,     /* largest |tau - 1| of a particle's bonds */
@@ -409,7 +536,11 @@ typedef struct peri_profile {       /* milliseconds of the last step */
 } peri_profile;
 
 typedef struct peri_stats {
-    int bodies, particles, bonds, colliders, contacts, skins;
+    int bodies, particles, bonds, colliders, contacts, skins, attachments;
+    int islands;                /* sets of bodies that were solved together in the last step */
+    int asleep;                 /* bodies that sleep */
+    int broken;                 /* attachments that broke, since creation */
+    double overlap;             /* largest of any contact at the end of the last step, in spacings of the touching body */
     int iterations;             /* of the last step: most of any body */
     int evaluations;            /* force evaluations of the last step: most of any body */
     int converged;              /* 0 when a body of the last step met max_iterations */
