@@ -175,7 +175,7 @@ PERI_DEF peri_result peri_world_set_gravity(peri_world *world, peri_vec3 gravity
 PERI_DEF const peri_error *peri_last_error(const peri_world *world);
 
 /* A hash of the state that the next step starts from (FNV-1a over positions, velocities, history, forces, aims,
-   gravity, colliders, contacts): equal states, equal hashes. */
+   gravity, colliders, contacts, attachments, rest): equal states, equal hashes. */
 PERI_DEF uint64_t peri_world_hash(const peri_world *world);
 
 /* ---- 2  bodies --------------------------------------------------------------------------------------------------- */
@@ -606,7 +606,17 @@ typedef struct peri__slots {
     const char *name;
 } peri__slots;
 
-enum { PERI__FIXED = 1, PERI__MOVED = 2, PERI__SINGULAR = 4, PERI__FLAT = 8 };  /* flags of a particle */
+/* flags of a particle */
+enum { PERI__FIXED = 1, PERI__MOVED = 2, PERI__SINGULAR = 4, PERI__FLAT = 8, PERI__SURFACE = 16 };
+
+/* Points sorted into cubic cells by counting: cell c holds order[start[c]] .. order[start[c + 1] - 1], in ascending
+   order of index. */
+typedef struct peri__grid {
+    int cells[3];
+    double lower[3], upper[3], inv_size;
+    int *start, *order, most;   /* most: cells that there is room for */
+    size_t start_bytes, order_bytes;
+} peri__grid;
 
 typedef struct peri__body {
     peri__slot slot;
@@ -620,15 +630,31 @@ typedef struct peri__body {
     peri_real *points;          /* reference positions as they were given */
     peri_real *value, *diagonal;    /* of the matrix */
     peri_real *stiffness, *pinned;  /* sum of a row's bonds; stiffness of contacts in the diagonal, N/m */
+    int *surface, surface_count;    /* particles that can touch other bodies */
     peri_quat rotation;         /* of the definition: turns points as given, for skins */
-    double spacing, horizon, radius, mass;
-    int fixed, singular, unhealthy, touching;
+    double spacing, horizon, radius, mass, friction;
+    int self_contact;
+    uint32_t group, touches;
+    int fixed, singular, unhealthy;
     int steps;                  /* since the last break of its history: BDF2 needs one */
     double step_before;         /* dt of the last step, for BDF2 with changing steps */
     double matrix_h;            /* the step that the matrix was made for; 0: must be made */
     int stale;                  /* particles whose contact the factor does not know, or knows without need */
     double wasted;              /* operations that stale particles have cost since the last factorisation */
     int usual;                  /* iterations of the last step with a fresh factor */
+    double h, tolerance;        /* of the step under way: its effective length, what ends the iterations, m */
+    peri__grid grid;            /* over the surface, made when something comes near */
+    int grid_made;
+    double lower[3], upper[3];  /* box of the surface's path in this step */
+    double drift[3], stray;     /* mean displacement of the guess, largest departure from it */
+    double retreat;             /* share of the guess that is kept */
+    int parent, island, next, at;   /* union of touching bodies; its island, the next body there, its place */
+    int near_contact;           /* there are contacts to be looked at */
+    int touching, held;         /* after the step: it touches something; that does not move freely */
+    int restless;               /* what it touches moves by itself */
+    int asleep;                 /* number of the group that it sleeps with, or 0 */
+    int still_steps, tired;
+    double still;               /* s that it has been slow */
 #ifndef PERI_NO_CHOLESKY
     peri_cholesky *factor;
 #endif
@@ -643,17 +669,63 @@ typedef struct peri__collider {
     double position1[3], rotation1[9];      /* at its end */
     peri_quat quat, quat1;
     double linear[3], angular[3];           /* impulse of the last step */
+    double weight[3], lean[3];              /* force and moment of what sleeps on it */
+    double turned;                          /* angle of this step, rad */
+    int moved;                              /* it was put elsewhere since the last step */
 } peri__collider;
 
-/* A particle near a collider. Kept from step to step while it touches: friction remembers where it holds. */
+typedef struct peri__attachment {
+    peri__slot slot;
+    peri_attachment_def def;
+    int body, other, collider;              /* slots; -1: none */
+    int next;                               /* in the island */
+    double point[3], length, stiffness;
+    double force[3], energy;                /* on the particle, N */
+    double committed[3];                    /* of the last finished step */
+} peri__attachment;
+
+#define PERI__PATCH 12          /* particles that a foot on a surface hangs between, at most */
+#define PERI__TARGET_BODY 65536 /* targets from here on are bodies, below colliders */
+
+/* A particle near a collider or near another body, in the step under way. */
 typedef struct peri__contact {
-    int body, collider, particle, touching;
+    int body, target, particle;
+    int touching;
     int known;              /* touched in the step before */
-    double anchor[3];       /* where friction holds the particle, in the collider's frame */
-    double force[3];        /* on the particle, N */
-    double normal[3], pressure, stiffness, energy;
-    double held; /* the pressure that limits friction: fixed during a line search, so that there is an energy */
+    int count;              /* of the patch */
+    int patch[PERI__PATCH]; /* particles of the other body that the foot hangs between */
+    double share[PERI__PATCH];  /* their weights, sum 1 */
+    double distance, reach2;    /* at which it touches; squared support of the weights */
+    double anchor[3];       /* see peri__hold */
+    double normal[3];       /* towards the particle, on the side where it is */
+    double entry[4], grade; /* see peri__hold */
+    double friction, stiffness;
+    double held;            /* the pressure that limits friction: fixed during a line search */
+    double depth, pressure, energy, force[3];
 } peri__contact;
+
+/* A contact kept from step to step while it touches: friction remembers where it holds, and which side it is. */
+typedef struct peri__hold {
+    int body, target, particle, nearest;
+    double anchor[3];       /* collider: where friction holds, in its frame; body: the spring's extension, m */
+    double normal[3];       /* collider: in its frame */
+    double entry[4];        /* collider: the last place with the right normal, in its frame, and its distance */
+    double grade;           /* by how much the push was stiffened */
+    double force[3], overlap;
+} peri__hold;
+
+typedef struct peri__edge {
+    double lower;
+    int body;
+} peri__edge;
+
+/* Bodies that are solved together. */
+typedef struct peri__island {
+    int first, last;        /* bodies, chained by `next` */
+    int at, count;          /* particles in the solve arrays */
+    int contacts, contacts_end; /* range of contact_order */
+    int attachment;         /* first of a chain, or -1 */
+} peri__island;
 
 /* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
 enum {
@@ -667,7 +739,7 @@ struct peri_world {
     peri_error error;
     void *buffer;               /* the caller's, or NULL */
     struct peri__free *heap, *spare;    /* free blocks of the buffer: for what has limits; for factors and skins */
-    peri__slots bodies, materials, colliders, skins;
+    peri__slots bodies, materials, colliders, skins, attachments;
     int particles, capacity;    /* of the particle arrays */
     int bonds;
     unsigned wants;
@@ -676,9 +748,18 @@ struct peri_world {
     double *x, *x0, *star, *base, *back, *aim, *partial;
     peri_real *v, *v0, *out, *mass, *force, *g, *g1, *p, *change, *coef, *history, *work, *special;
     unsigned char *flags, *mode;
-    peri__contact *contacts, *contacts_before;
-    int contact_count, contact_before_count, contact_capacity, contact_before_capacity;
-    double dt;                  /* of the step under way */
+    peri__contact *contacts;    /* of the step under way, in order of body, target, particle */
+    int *contact_order;         /* the same, by island */
+    peri__hold *holds, *holds_next;  /* what touched at the end of the last step, in the same order */
+    int contact_count, contact_capacity, hold_count, held_rows[4];  /* rows of the four arrays */
+    peri__edge *sweep;          /* one for each place of a body, like islands */
+    peri__island *islands;
+    uint64_t *pairs;            /* of bodies that are near each other */
+    int body_rows[2], pair_count, pair_capacity;
+    int self_contacts;          /* bodies that may touch themselves */
+    int asleep, woken;          /* bodies that sleep; one was woken while contacts were sought */
+    int unsettled;              /* bodies fell asleep or woke since colliders were told what rests on them */
+    double overlap;             /* largest of the last step, in spacings */
     peri_stats stats;
 };
 
@@ -934,6 +1015,9 @@ static peri__body *peri__body_at(const peri_world *w, int k) {
 static peri__body *peri__body_find(const peri_world *w, peri_body_id id) {
     return w ? (peri__body *)(void *)peri__slot_find(&w->bodies, id.index1, id.generation) : NULL;
 }
+
+/* Particles that the user knows of. */
+static int peri__real_count(const peri__body *b) { return b->count; }
 
 static peri_result peri__no_body(peri_world *w, peri_body_id id) {
     if (!w) return PERI_ERROR_ARGUMENT;
@@ -2104,6 +2188,10 @@ peri_world_def peri_default_world_def(void) {
     d.max_bonds = 1 << 30;
     d.max_bodies = 65535;
     d.max_materials = d.max_colliders = d.max_skins = 1024;
+    d.max_attachments = 65535;
+    d.max_contacts = 1 << 24;
+    d.sleep_speed = PERI__R(0.1);
+    d.sleep_time = PERI__R(0.5);
     d.parallel.threads = 1;
     return d;
 }
@@ -2153,6 +2241,10 @@ static peri_result peri__check_world_def(const peri_world_def *d, peri_error *er
     if (!bad) bad = peri__check_int("max_materials", d->max_materials, 1, 65535, err);
     if (!bad) bad = peri__check_int("max_colliders", d->max_colliders, 0, 65535, err);
     if (!bad) bad = peri__check_int("max_skins", d->max_skins, 0, 65535, err);
+    if (!bad) bad = peri__check_int("max_attachments", d->max_attachments, 0, 1 << 24, err);
+    if (!bad) bad = peri__check_int("max_contacts", d->max_contacts, 0, 1 << 27, err);
+    if (!bad) bad = peri__check_range("sleep_speed", (double)d->sleep_speed, 0, 1e9, err);
+    if (!bad) bad = peri__check_range("sleep_time", (double)d->sleep_time, 0, 1e9, err);
     if (!bad) bad = peri__check_int("parallel.threads", d->parallel.threads, 0, 1024, err);
     return bad;
 }
@@ -2172,8 +2264,13 @@ typedef struct peri__stored_material {
 static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t bonds, size_t bodies) {
     size_t r = sizeof(peri_real), i = sizeof(int);
     (void)d;
-    return particles * (i + (6 + 21 + 3 + 5) * r) + bonds * (i + 7 * r) + bodies * (20 * PERI__UNIT) +
+    return particles * (7 * i + (6 + 21 + 3 + 5) * r) + bonds * (i + 7 * r) + bodies * (24 * PERI__UNIT + 72 * i) +
            particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
+}
+
+/* In a buffer there is room for two contacts a particle, which is more than bodies have. */
+static int peri__most_contacts(const peri_world_def *d) {
+    return d->max_contacts < 2 * d->max_particles ? d->max_contacts : 2 * d->max_particles;
 }
 
 typedef struct peri__layout_total {
@@ -2197,9 +2294,12 @@ static int peri__world_layout(const peri_world_def *d, peri__layout_total *t) {
     guess = (double)particles * ((double)per_particle + 800) + 64.0 * (double)d->max_bonds + (double)d->spare_bytes;
     if (guess > (double)(SIZE_MAX / 4)) return 0;
     t->slots = (size_t)d->max_bodies * sizeof(peri__body) + (size_t)d->max_materials * sizeof(peri__stored_material) +
-               (size_t)d->max_colliders * sizeof(peri__collider) + (size_t)d->max_skins * PERI__SKIN_BYTES;
+               (size_t)d->max_colliders * sizeof(peri__collider) + (size_t)d->max_skins * PERI__SKIN_BYTES +
+               (size_t)d->max_attachments * sizeof(peri__attachment);
     t->rows = particles * per_particle;
-    t->contacts = d->max_colliders ? 4 * particles * sizeof(peri__contact) : 0;
+    t->contacts = (size_t)peri__most_contacts(d) *
+                      (sizeof(peri__contact) + sizeof(int) + 2 * sizeof(peri__hold)) +
+                  (size_t)d->max_bodies * (sizeof(peri__edge) + sizeof(peri__island) + 64 * sizeof(uint64_t));
     t->bodies = peri__body_bytes(d, particles, (size_t)d->max_bonds, (size_t)d->max_bodies);
     t->all = peri__round_up(sizeof(peri_world)) + peri__round_up(t->slots + t->rows + t->contacts + t->bodies) +
              peri__round_up(d->spare_bytes) + (size_t)(PERI__ROWS + 16) * PERI__UNIT;
@@ -2220,6 +2320,7 @@ static void peri__world_begin(peri_world *w, const peri_world_def *def) {
     peri__slots_begin(&w->materials, "materials", sizeof(peri__stored_material), def->max_materials);
     peri__slots_begin(&w->colliders, "colliders", sizeof(peri__collider), def->max_colliders);
     peri__slots_begin(&w->skins, "skins", PERI__SKIN_BYTES, def->max_skins);
+    peri__slots_begin(&w->attachments, "attachments", sizeof(peri__attachment), def->max_attachments);
 }
 
 peri_world *peri_world_create(const peri_world_def *def, peri_error *err) {
@@ -2236,27 +2337,71 @@ peri_world *peri_world_create(const peri_world_def *def, peri_error *err) {
     return w;
 }
 
+/* Room for n contacts, and as many holds. */
+static peri_result peri__contacts_reserve(peri_world *w, int n) {
+    static const char *const more = "more than %d contacts: raise max_contacts of the world's definition";
+    void *array[4];
+    size_t size[4];
+    int now = 2 * w->contact_capacity, most = w->buffer ? peri__most_contacts(&w->def) : w->def.max_contacts, k;
+    if (n <= w->contact_capacity) return PERI_OK;
+    if (n > most) return peri__fail(&w->error, PERI_ERROR_LIMIT, more, most);
+    now = now < 256 ? 256 : now;
+    now = now < n ? n : now > most ? most : now;
+    array[0] = w->contacts, size[0] = sizeof *w->contacts;
+    array[1] = w->contact_order, size[1] = sizeof *w->contact_order;
+    array[2] = w->holds, size[2] = sizeof *w->holds;
+    array[3] = w->holds_next, size[3] = sizeof *w->holds_next;
+    for (k = 0; k < 4; k++) {
+        peri_result bad = peri__grow(w, &array[k], (size_t)w->held_rows[k], (size_t)now, size[k]);
+        if (bad) return bad;
+        w->held_rows[k] = now;
+        w->contacts = (peri__contact *)array[0];
+        w->contact_order = (int *)array[1];
+        w->holds = (peri__hold *)array[2];
+        w->holds_next = (peri__hold *)array[3];
+    }
+    w->contact_capacity = now;
+    return PERI_OK;
+}
+
+/* Room for the order of bodies and for islands, one for each slot of a body. */
+static peri_result peri__bodies_reserve(peri_world *w) {
+    void *sweep = w->sweep, *islands = w->islands;
+    int n = w->bodies.capacity;
+    peri_result bad = PERI_OK;
+    if (n > w->body_rows[0]) bad = peri__grow(w, &sweep, (size_t)w->body_rows[0], (size_t)n, sizeof *w->sweep);
+    if (bad) return bad;
+    w->sweep = (peri__edge *)sweep;
+    w->body_rows[0] = n;
+    if (n > w->body_rows[1]) bad = peri__grow(w, &islands, (size_t)w->body_rows[1], (size_t)n, sizeof *w->islands);
+    if (bad) return bad;
+    w->islands = (peri__island *)islands;
+    w->body_rows[1] = n;
+    return PERI_OK;
+}
+
 /* In a buffer, everything that has a limit is taken now, so that no later call finds the buffer too small. */
 static peri_result peri__reserve_all(peri_world *w) {
-    peri__slots *kinds[4];
+    peri__slots *kinds[5];
     peri_result bad = PERI_OK;
+    void *pairs = NULL;
     int k;
     kinds[0] = &w->bodies;
     kinds[1] = &w->materials;
     kinds[2] = &w->colliders;
     kinds[3] = &w->skins;
-    for (k = 0; k < 4 && !bad; k++) {
+    kinds[4] = &w->attachments;
+    for (k = 0; k < 5 && !bad; k++) {
         void *data = NULL;
         if (kinds[k]->limit) bad = peri__grow(w, &data, 0, (size_t)kinds[k]->limit, kinds[k]->element);
         kinds[k]->data = (char *)data;
         kinds[k]->capacity = kinds[k]->limit;
     }
-    for (k = 0; k < 2 && !bad && w->def.max_colliders; k++) {
-        void *data = NULL;
-        bad = peri__grow(w, &data, 0, 2 * (size_t)w->def.max_particles, sizeof(peri__contact));
-        if (k) w->contacts = (peri__contact *)data, w->contact_capacity = 2 * w->def.max_particles;
-        else w->contacts_before = (peri__contact *)data, w->contact_before_capacity = 2 * w->def.max_particles;
-    }
+    if (!bad) bad = peri__contacts_reserve(w, peri__most_contacts(&w->def));
+    if (!bad) bad = peri__bodies_reserve(w);
+    if (!bad) bad = peri__grow(w, &pairs, 0, 64 * (size_t)w->def.max_bodies, sizeof *w->pairs);
+    w->pairs = (uint64_t *)pairs;
+    w->pair_capacity = 64 * w->def.max_bodies;
     return bad ? bad : peri__reserve(w, w->def.max_particles, ~0u, PERI__PROJECTIVE_STRIDE);
 }
 
@@ -2291,12 +2436,15 @@ static void peri__drop(peri_world *w, void *ptr, size_t bytes) {
     if (ptr) peri__world_resize(ptr, bytes, 0, w);
 }
 
+static void peri__grid_free(peri_world *w, peri__grid *g);
+
 static void peri__body_drop(peri_world *w, peri__body *body) {
 #ifndef PERI_NO_CHOLESKY
     if (body->factor) w->stats.factor_bytes -= peri_cholesky_bytes(body->factor);
     peri_cholesky_destroy(body->factor);
     body->factor = NULL;
 #endif
+    peri__grid_free(w, &body->grid);
     peri__drop(w, body->block, body->block_bytes);
     body->block = NULL;
 }
@@ -2320,32 +2468,34 @@ void peri_world_destroy(peri_world *w) {
     peri__drop(w, w->materials.data, (size_t)w->materials.capacity * w->materials.element);
     peri__drop(w, w->colliders.data, (size_t)w->colliders.capacity * w->colliders.element);
     peri__drop(w, w->skins.data, (size_t)w->skins.capacity * w->skins.element);
-    peri__drop(w, w->contacts, (size_t)w->contact_capacity * sizeof(peri__contact));
-    peri__drop(w, w->contacts_before, (size_t)w->contact_before_capacity * sizeof(peri__contact));
+    peri__drop(w, w->attachments.data, (size_t)w->attachments.capacity * w->attachments.element);
+    peri__drop(w, w->contacts, (size_t)w->held_rows[0] * sizeof *w->contacts);
+    peri__drop(w, w->contact_order, (size_t)w->held_rows[1] * sizeof *w->contact_order);
+    peri__drop(w, w->holds, (size_t)w->held_rows[2] * sizeof *w->holds);
+    peri__drop(w, w->holds_next, (size_t)w->held_rows[3] * sizeof *w->holds_next);
+    peri__drop(w, w->sweep, (size_t)w->body_rows[0] * sizeof *w->sweep);
+    peri__drop(w, w->islands, (size_t)w->body_rows[1] * sizeof *w->islands);
+    peri__drop(w, w->pairs, (size_t)w->pair_capacity * sizeof *w->pairs);
     peri__resize(&w->def.memory, w, sizeof *w, 0);
 }
 
+static void peri__wake(peri_world *w, peri__body *b);
+
 peri_result peri_world_set_gravity(peri_world *w, peri_vec3 gravity) {
     peri_result bad;
+    int k;
     if (!w) return PERI_ERROR_ARGUMENT;
     bad = peri__finite_vec("gravity", gravity, &w->error);
     if (bad) return peri__report(w, bad);
     w->def.gravity = gravity;
+    for (k = 0; k < w->bodies.capacity; k++)
+        if (peri__body_at(w, k)) peri__wake(w, peri__body_at(w, k));
     return PERI_OK;
 }
 
 const peri_error *peri_last_error(const peri_world *w) { return w ? &w->error : NULL; }
 
 /* ---- implementation 4: neighbours -------------------------------------------------------------------------------- */
-
-/* Points sorted into cubic cells by counting: cell c holds order[start[c]] .. order[start[c + 1] - 1], in ascending
-   order of index. */
-typedef struct peri__grid {
-    int cells[3];
-    double lower[3], inv_size;
-    int *start, *order;
-    size_t start_bytes, order_bytes;
-} peri__grid;
 
 static int peri__grid_axis(const peri__grid *g, int axis, double x) {
     int c = (int)((x - g->lower[axis]) * g->inv_size);
@@ -2363,40 +2513,47 @@ static void peri__grid_free(peri_world *w, peri__grid *g) {
     g->start = g->order = NULL;
 }
 
-/* Cells at least `size` wide, fewer than 4 n + 64 of them. */
-static peri_result peri__grid_make(peri_world *w, peri__grid *g, const double *x, int n, double size) {
-    double upper[3], total;
-    int i, c, count;
+/* Room for n points. */
+static peri_result peri__grid_reserve(peri_world *w, peri__grid *g, int n) {
     memset(g, 0, sizeof *g);
-    for (c = 0; c < 3; c++) g->lower[c] = upper[c] = x[c];
-    for (i = 0; i < n; i++)
-        for (c = 0; c < 3; c++) {
-            double v = x[3 * (size_t)i + (size_t)c];
-            if (v < g->lower[c]) g->lower[c] = v;
-            if (v > upper[c]) upper[c] = v;
-        }
-    for (;; size *= 1.3) {
-        for (total = 1, c = 0; c < 3; c++) total *= floor((upper[c] - g->lower[c]) / size) + 1;
-        if (total <= 4.0 * n + 64) break;
-    }
-    g->inv_size = 1 / size;
-    for (c = 0; c < 3; c++) g->cells[c] = (int)((upper[c] - g->lower[c]) / size) + 1;
-    count = g->cells[0] * g->cells[1] * g->cells[2];
-    g->start_bytes = ((size_t)count + 1) * sizeof(int);
+    g->most = 4 * n + 64;
+    g->start_bytes = ((size_t)g->most + 1) * sizeof(int);
     g->order_bytes = (size_t)n * sizeof(int);
     g->start = (int *)peri__world_resize(NULL, 0, g->start_bytes, w);
     g->order = (int *)peri__world_resize(NULL, 0, g->order_bytes, w);
-    if (!g->start || !g->order) {
-        peri__grid_free(w, g);
-        return peri__no_memory(w, g->start_bytes + g->order_bytes);
+    if (g->start && g->order) return PERI_OK;
+    peri__grid_free(w, g);
+    return peri__no_memory(w, g->start_bytes + g->order_bytes);
+}
+
+/* Sorts n points (of list; NULL: the first n of x) into cells at least `size` wide. */
+static void peri__grid_fill(peri__grid *g, const double *x, const int *list, int n, double size) {
+    double total;
+    int i, c, count;
+    for (c = 0; c < 3; c++) g->lower[c] = g->upper[c] = x[3 * (size_t)(list ? list[0] : 0) + (size_t)c];
+    for (i = 0; i < n; i++)
+        for (c = 0; c < 3; c++) {
+            double v = x[3 * (size_t)(list ? list[i] : i) + (size_t)c];
+            if (v < g->lower[c]) g->lower[c] = v;
+            if (v > g->upper[c]) g->upper[c] = v;
+        }
+    for (;; size *= 1.3) {
+        for (total = 1, c = 0; c < 3; c++) total *= floor((g->upper[c] - g->lower[c]) / size) + 1;
+        if (total <= g->most) break;
     }
-    memset(g->start, 0, g->start_bytes);
-    for (i = 0; i < n; i++) g->start[peri__grid_cell(g, x + 3 * (size_t)i) + 1]++;
+    g->inv_size = 1 / size;
+    for (c = 0; c < 3; c++) g->cells[c] = (int)((g->upper[c] - g->lower[c]) / size) + 1;
+    count = g->cells[0] * g->cells[1] * g->cells[2];
+    if (count > g->most) count = g->most;
+    memset(g->start, 0, ((size_t)count + 1) * sizeof *g->start);
+    for (i = 0; i < n; i++) g->start[peri__grid_cell(g, x + 3 * (size_t)(list ? list[i] : i)) + 1]++;
     for (c = 0; c < count; c++) g->start[c + 1] += g->start[c];
-    for (i = 0; i < n; i++) g->order[g->start[peri__grid_cell(g, x + 3 * (size_t)i)]++] = i;
+    for (i = 0; i < n; i++) {
+        int k = list ? list[i] : i;
+        g->order[g->start[peri__grid_cell(g, x + 3 * (size_t)k)]++] = k;
+    }
     for (c = count; c > 0; c--) g->start[c] = g->start[c - 1];
     g->start[0] = 0;
-    return PERI_OK;
 }
 
 /* Neighbours of point i closer than reach, ascending, into out (NULL: counted only). Returns their number; *closest is
@@ -2466,6 +2623,7 @@ static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
     PERI__PART(share, peri_real, n * r);
     PERI__PART(volume, peri_real, n * r);
     PERI__PART(points, peri_real, 3 * n * r);
+    PERI__PART(surface, int, n * sizeof(int));
     PERI__PART(shape, peri_real, 6 * n * r);
     if (b->matter.m.model == PERI_MODEL_CORRESPONDENCE) PERI__PART(moment, peri_real, 21 * n * r);
     if (b->matter.m.model == PERI_MODEL_STRETCH && b->matter.m.anisotropic) PERI__PART(gain, peri_real, m * r);
@@ -2522,7 +2680,7 @@ static int peri__pseudo_inverse(const double k[6], peri_real *out) {
 
 /* Normalisation, shape tensor and 6x6 moment of particle i. Returns its flags. */
 static int peri__family_make(peri__body *b, int i) {
-    double sum = 0, tensor[6] = {0, 0, 0, 0, 0, 0}, m[21];
+    double sum = 0, tensor[6] = {0, 0, 0, 0, 0, 0}, m[21], lean[3] = {0, 0, 0}, arm = 0;
     peri_real nn[6];
     int k, c, d, flags = 0;
     memset(m, 0, sizeof m);
@@ -2532,15 +2690,21 @@ static int peri__family_make(peri__body *b, int i) {
         peri__bond o;
         double omega = (double)(b->weight[k] * b->share[i] / b->volume[i]);
         int at = 0;
-        for (c = 0; c < 3; c++) o.xi[c] = b->xi[c][k];
+        for (c = 0; c < 3; c++) {
+            o.xi[c] = b->xi[c][k];
+            lean[c] += omega * (double)o.xi[c];
+        }
         o.inv_r2 = b->inv_r2[k];
+        arm += omega / sqrt((double)o.inv_r2);
         peri__bond_nn(&o, nn);
         for (c = 0; c < 6; c++) {
             tensor[c] += omega * (double)nn[c] / (c < 3 ? 1 : 2);
             for (d = 0; d <= c; d++) m[at++] += omega * (double)nn[c] * (double)nn[d];
         }
     }
-    if (peri__pseudo_inverse(tensor, b->shape + 6 * (size_t)i) < 3) flags |= PERI__FLAT;
+    if (peri__pseudo_inverse(tensor, b->shape + 6 * (size_t)i) < 3) flags |= PERI__FLAT | PERI__SURFACE;
+    /* bonds to one side only: on a face of a lattice 0.5, inside of scattered points below 0.1 */
+    if (!(lean[0] * lean[0] + lean[1] * lean[1] + lean[2] * lean[2] < 0.15 * 0.15 * arm * arm)) flags |= PERI__SURFACE;
     if (!b->moment) return flags;
     if (!peri_invert6(m, 1e-3)) {
         memset(m, 0, sizeof m);
@@ -2626,6 +2790,10 @@ peri_body_def peri_default_body_def(void) {
     d.kernel_power = PERI__R(0.7);
     d.rotation.w = 1;
     d.contact_radius = PERI__R(0.5);
+    d.friction = PERI__R(0.5);
+    d.bending = 1;
+    d.group = 1;
+    d.touches = ~(uint32_t)0;
     return d;
 }
 
@@ -2697,6 +2865,7 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
     if (!bad) bad = peri__check_enum("kernel", (int)d->kernel, (int)PERI_KERNEL_SHIFTED, err);
     if (!bad) bad = peri__check_range("kernel_power", (double)d->kernel_power, -4, 4, err);
     if (!bad) bad = peri__check_range("contact_radius", (double)d->contact_radius, 0, 2, err);
+    if (!bad) bad = peri__check_range("friction of the body", (double)d->friction, 0, 10, err);
     if (!bad) bad = peri__finite_vec("position", d->position, err);
     if (!bad) bad = peri__finite_vec("velocity", d->velocity, err);
     if (!bad) bad = peri__finite_vec("spin", d->spin, err);
@@ -2734,6 +2903,7 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
         b->pinned[i] = 0;
         at = (size_t)b->first + i;
         w->flags[at] = flags[i];
+        if (flags[i] & PERI__SURFACE) b->surface[b->surface_count++] = (int)i;
         if (d->fixed && d->fixed[i]) w->flags[at] |= PERI__FIXED, b->fixed++;
         b->singular += (flags[i] & PERI__SINGULAR) != 0;
         w->mode[at] = flags[i] & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
@@ -2770,8 +2940,10 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
     }
     /* strictly inside the horizon, and clear of rounding where a lattice distance equals it */
     make->delta = (double)d->horizon * (double)d->spacing * (1 - 1e-5);
-    bad = peri__grid_make(w, &make->grid, make->x, d->count, (double)d->horizon * (double)d->spacing);
-    if (!bad) bad = peri__bonds_count(w, b, make);
+    bad = peri__grid_reserve(w, &make->grid, d->count);
+    if (bad) return bad;
+    peri__grid_fill(&make->grid, make->x, NULL, d->count, (double)d->horizon * (double)d->spacing);
+    bad = peri__bonds_count(w, b, make);
     if (!bad) bad = peri__bonds_make(w, b, make, *flags);
     if (bad) return bad;
     if (w->def.integrator == PERI_BDF2) wants |= PERI__WANT_HISTORY;
@@ -2848,7 +3020,12 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         b.horizon = (double)d->horizon;
         b.radius = (double)d->contact_radius * b.spacing;
         b.rotation = d->rotation;
-        bad = peri__body_build(w, &b, &make, &flags);
+        b.friction = (double)d->friction;
+        b.self_contact = d->self_contact != 0;
+        b.group = d->group;
+        b.touches = d->touches;
+        bad = peri__bodies_reserve(w);
+        if (!bad) bad = peri__body_build(w, &b, &make, &flags);
     }
     if (!bad) {
         b.slot = slot->slot;
@@ -2857,6 +3034,7 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         peri__body_state(w, slot, &make, flags);
         w->particles += b.count;
         w->bonds += make.bonds;
+        w->self_contacts += b.self_contact;
         id.index1 = peri__slot_use(&w->bodies, &slot->slot);
         id.generation = slot->slot.generation;
     } else {
@@ -2886,15 +3064,23 @@ static void peri__compact(peri_world *w, int first, int count) {
     }
 }
 
-/* Forgets where friction holds particles first .. first + count - 1 of body k (count < 0: all). */
-static void peri__contacts_forget(peri_world *w, int k, int first, int count) {
+static void peri__attachments_drop(peri_world *w, int body, int collider);
+
+/* Forgets what touches particles first .. first + count - 1 of body k (count < 0: all), or target `target` (-1: none).
+   Bodies that had to do with it wake. */
+static void peri__holds_forget(peri_world *w, int k, int first, int count, int target) {
     int i, kept = 0;
-    for (i = 0; i < w->contact_count; i++) {
-        const peri__contact *t = &w->contacts[i];
-        if (t->body != k || (count >= 0 && (t->particle < first || t->particle >= first + count)))
-            w->contacts[kept++] = *t;
+    for (i = 0; i < w->hold_count; i++) {
+        const peri__hold *t = &w->holds[i];
+        int own = t->body == k && (count < 0 || (t->particle >= first && t->particle < first + count));
+        if (!own && t->target != target && t->target != PERI__TARGET_BODY + k) {
+            w->holds[kept++] = *t;
+            continue;
+        }
+        peri__wake(w, peri__body_at(w, t->body));
+        if (t->target >= PERI__TARGET_BODY) peri__wake(w, peri__body_at(w, t->target - PERI__TARGET_BODY));
     }
-    w->contact_count = kept;
+    w->hold_count = kept;
 }
 
 peri_result peri_body_destroy(peri_world *w, peri_body_id id) {
@@ -2904,7 +3090,10 @@ peri_result peri_body_destroy(peri_world *w, peri_body_id id) {
 #ifndef PERI_NO_SKINNING
     peri__skins_drop(w, b);
 #endif
-    peri__contacts_forget(w, (int)id.index1 - 1, 0, -1);
+    peri__wake(w, b);
+    peri__attachments_drop(w, (int)id.index1 - 1, -1);
+    peri__holds_forget(w, (int)id.index1 - 1, 0, -1, -1);
+    w->self_contacts -= b->self_contact;
     first = b->first;
     count = b->count;
     bonds = b->row[b->count];
@@ -2957,7 +3146,8 @@ peri_result peri_body_set_positions(peri_world *w, peri_body_id id, int first, i
         w->x[at + k] = w->x0[at + k] = (double)x[k];
         w->out[at + k] = x[k];
     }
-    peri__contacts_forget(w, (int)id.index1 - 1, first, count);
+    peri__wake(w, b);
+    peri__holds_forget(w, (int)id.index1 - 1, first, count, -1);
     b->steps = 0;
     return PERI_OK;
 }
@@ -2971,6 +3161,7 @@ peri_result peri_body_set_velocities(peri_world *w, peri_body_id id, int first, 
     at = 3 * (size_t)(b->first + first);
     for (k = 0; k < 3 * (size_t)count; k++)
         if (!(w->flags[at / 3 + k / 3] & PERI__FIXED)) w->v[at + k] = w->v0[at + k] = v[k];
+    peri__wake(w, b);
     b->steps = 0;
     return PERI_OK;
 }
@@ -2985,6 +3176,7 @@ peri_result peri_body_set_forces(peri_world *w, peri_body_id id, int first, int 
     if (bad) return peri__report(w, bad);
     at = 3 * (size_t)(b->first + first);
     for (k = 0; k < 3 * (size_t)count; k++) w->force[at + k] = f ? f[k] : 0;
+    peri__wake(w, b);
     return PERI_OK;
 }
 
@@ -3003,6 +3195,7 @@ peri_result peri_body_set_fixed(peri_world *w, peri_body_id id, int particle, in
         w->v[k] = w->v0[k] = 0;
     }
     b->matrix_h = 0;
+    peri__wake(w, b);
     return PERI_OK;
 }
 
@@ -3020,6 +3213,19 @@ peri_result peri_body_move(peri_world *w, peri_body_id id, int particle, peri_ve
     if (bad) return peri__report(w, bad);
     peri__vec(x, w->aim + 3 * at);
     w->flags[at] |= PERI__MOVED;
+    peri__wake(w, b);
+    return PERI_OK;
+}
+
+int peri_body_is_asleep(const peri_world *w, peri_body_id id) {
+    peri__body *b = peri__body_find(w, id);
+    return b && b->asleep;
+}
+
+peri_result peri_body_wake(peri_world *w, peri_body_id id) {
+    peri__body *b = peri__body_find(w, id);
+    if (!b) return peri__no_body(w, id);
+    peri__wake(w, b);
     return PERI_OK;
 }
 
@@ -3084,6 +3290,7 @@ peri_collider_id peri_collider_create(peri_world *w, const peri_collider_def *d)
     }
     c->def = *d;
     peri__collider_place(c, d->position, d->rotation);
+    c->moved = 1;
     id.index1 = peri__slot_use(&w->colliders, &c->slot);
     id.generation = c->slot.generation;
     return id;
@@ -3091,11 +3298,9 @@ peri_collider_id peri_collider_create(peri_world *w, const peri_collider_def *d)
 
 peri_result peri_collider_destroy(peri_world *w, peri_collider_id id) {
     peri__collider *c = peri__collider_find(w, id);
-    int k, kept = 0;
     if (!c) return peri__no_collider(w, id);
-    for (k = 0; k < w->contact_count; k++)
-        if (w->contacts[k].collider != (int)id.index1 - 1) w->contacts[kept++] = w->contacts[k];
-    w->contact_count = kept;
+    peri__attachments_drop(w, -1, (int)id.index1 - 1);
+    peri__holds_forget(w, -1, 0, 0, (int)id.index1 - 1);
     peri__slot_free(&w->colliders, &c->slot);
     return PERI_OK;
 }
@@ -3108,6 +3313,7 @@ peri_result peri_collider_set_pose(peri_world *w, peri_collider_id id, peri_vec3
     if (!bad) bad = peri__check_quat("rotation", rotation, &w->error);
     if (bad) return peri__report(w, bad);
     peri__collider_place(c, position, rotation);
+    c->moved = 1;
     return PERI_OK;
 }
 
@@ -3166,64 +3372,535 @@ static void peri__collider_advance(peri__collider *c, double h) {
     c->quat1.z = (peri_real)(r[2] / length);
     c->quat1.w = (peri_real)(r[3] / length);
     peri__quat_matrix(c->quat1, c->rotation1);
+    c->turned = 2 * sqrt(x2);
     for (k = 0; k < 3; k++) c->position1[k] = c->position[k] + h * velocity[k];
+}
+
+/* Signed distance of a point of a collider's frame, and its gradient there. */
+static double peri__collider_local(const peri__collider *c, const double local[3], double *gradient) {
+    peri_vec3 g;
+    peri_real distance = peri_shape_evaluate(&c->def.shape, peri__to_vec(local), gradient ? &g : NULL);
+    if (gradient) peri__vec(g, gradient);
+    return (double)distance;
 }
 
 /* Signed distance of a world point to a collider at its pose of the end (1) or the start (0) of the step; normal in the
    world's frame (may be NULL). */
 static double peri__collider_distance(const peri__collider *c, int end, const double *x, double *normal) {
     const double *position = end ? c->position1 : c->position, *rotation = end ? c->rotation1 : c->rotation;
-    double arm[3], local[3];
-    peri_vec3 gradient;
-    peri_real distance;
+    double arm[3], local[3], gradient[3], distance;
     int k;
     for (k = 0; k < 3; k++) arm[k] = x[k] - position[k];
     peri__apply_back(rotation, arm, local);
-    distance = peri_shape_evaluate(&c->def.shape, peri__to_vec(local), normal ? &gradient : NULL);
-    if (normal) {
-        peri__vec(gradient, arm);
-        peri__apply(rotation, arm, normal);
+    distance = peri__collider_local(c, local, normal ? gradient : NULL);
+    if (normal) peri__apply(rotation, gradient, normal);
+    return distance;
+}
+
+static peri__collider *peri__collider_at(const peri_world *w, int k) {
+    return (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
+}
+
+/* How far a collider's surface moves at most in this step, within `size` of a point. */
+static double peri__collider_travel(const peri__collider *c, const double point[3], double size) {
+    double way = 0, arm = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        way += (c->position1[k] - c->position[k]) * (c->position1[k] - c->position[k]);
+        arm += (point[k] - c->position1[k]) * (point[k] - c->position1[k]);
     }
-    return (double)distance;
+    return sqrt(way) + c->turned * (sqrt(arm) + size);
+}
+
+static int peri__collider_moves(const peri__collider *c) {
+    const peri_vec3 *v = &c->def.velocity, *s = &c->def.spin;
+    return c->moved || v->x * v->x + v->y * v->y + v->z * v->z > 0 || s->x * s->x + s->y * s->y + s->z * s->z > 0;
+}
+
+/* An impulse (N s) on a collider at a point of the world. */
+static void peri__collider_push(peri__collider *c, const double point[3], const double impulse[3]) {
+    double arm[3], turn[3];
+    int k;
+    for (k = 0; k < 3; k++) arm[k] = point[k] - c->position1[k];
+    peri__cross(arm, impulse, turn);
+    for (k = 0; k < 3; k++) {
+        c->linear[k] += impulse[k];
+        c->angular[k] += turn[k];
+    }
+}
+
+/* The reaction to a force on what sleeps at a point of the world. */
+static void peri__collider_load(peri__collider *c, const double point[3], const double force[3]) {
+    double arm[3], turn[3];
+    int k;
+    for (k = 0; k < 3; k++) arm[k] = point[k] - c->position[k];
+    peri__cross(arm, force, turn);
+    for (k = 0; k < 3; k++) {
+        c->weight[k] -= force[k];
+        c->lean[k] -= turn[k];
+    }
+}
+
+static double peri__friction(const peri__collider *c) {
+    if (c->def.type == PERI_FRICTION_SLIP) return 0;
+    return c->def.type == PERI_FRICTION_STICK ? 1e30 : (double)c->def.friction;
+}
+
+static peri__attachment *peri__attachment_at(const peri_world *w, int k) {
+    return (peri__attachment *)(void *)peri__slot_at(&w->attachments, k);
 }
 
 /* ---- implementation 8: contacts -----------------------------------------------------------------------------------
-   A particle that is closer to a collider than its radius is pushed out by a stiff spring, as stiff as the particle's
-   own row of the matrix, and held along the surface by another, from the point where it first touched, up to the
-   friction times the push. Both act inside the solve, so contact and elasticity agree at the end of the step. */
+   A particle that is closer to a solid than its distance is pushed out by a stiff spring, as stiff as its own row of the
+   matrix, and held along the surface by another, from the point where it first touched, up to the friction times the
+   push. Both act inside the solve, so contact and elasticity agree at the end of the step.
+   The solid is a collider, by its signed distance, or another body: then the surface is where the particles around are,
+   their weighted mean (the foot), with weights that reproduce flat lattices, so that what slides feels no bumps. The
+   push acts between the particle and its foot, along the line that joins them: both momenta are kept. A contact knows
+   on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through. */
 
-static peri_result peri__contact_add(peri_world *w, const peri__contact *c) {
-    if (w->contact_count == w->contact_capacity) {
-        int now = w->contact_capacity ? 2 * w->contact_capacity : 256;
-        void *data = w->contacts;
-        peri_result bad;
-        if (w->buffer) return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d contacts: raise max_particles",
-                                         w->contact_capacity);
-        bad = peri__grow(w, &data, (size_t)w->contact_capacity, (size_t)now, sizeof *c);
-        if (bad) return bad;
-        w->contacts = (peri__contact *)data;
-        w->contact_capacity = now;
+#define PERI__CELLS 4       /* cells of a body's grid per particle of its surface */
+#define PERI__MARCH 64      /* most places of a step's path that are looked at */
+#define PERI__SUPPORT 1.5   /* width of the foot's weights, in spacings: measured, no bump above 0.1 degrees on lattices */
+
+static const peri__collider *peri__contact_collider(const peri_world *w, const peri__contact *t) {
+    return (const peri__collider *)(void *)peri__slot_at(&w->colliders, t->target);
+}
+
+static peri__body *peri__contact_other(const peri_world *w, const peri__contact *t) {
+    return t->target < PERI__TARGET_BODY ? NULL : peri__body_at(w, t->target - PERI__TARGET_BODY);
+}
+
+static double peri__dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* Where particle `at` of the world is at share s of the step, from x0 to x. */
+static void peri__place(const peri_world *w, size_t at, double s, double p[3]) {
+    int c;
+    for (c = 0; c < 3; c++) {
+        double from = w->x0[3 * at + (size_t)c], to = w->x[3 * at + (size_t)c];
+        p[c] = s < 1 ? from + s * (to - from) : to;
     }
-    w->contacts[w->contact_count++] = *c;
+}
+
+/* Weights of the patch for a particle at x, patch particles at place[]: (1 - r^2/R^2)^3, then tilted so that the foot
+   comes below the particle along the surface, and cut at zero so that it stays on it. Returns 0, and leaves the weights,
+   when no particle is within R. */
+static int peri__foot_weights(peri__contact *t, const double x[3], double place[][3]) {
+    double share[PERI__PATCH], sum = 0, mean[3] = {0, 0, 0}, a[9], inverse[9], lean[3], off[3], det, trace;
+    int k, c, d;
+    for (k = 0; k < t->count; k++) {
+        double r2 = 0, q;
+        for (c = 0; c < 3; c++) r2 += (x[c] - place[k][c]) * (x[c] - place[k][c]);
+        q = 1 - r2 / t->reach2;
+        share[k] = q > 0 ? q * q * q : 0;
+        sum += share[k];
+        for (c = 0; c < 3; c++) mean[c] += share[k] * place[k][c];
+    }
+    if (!(sum > 1e-12)) return 0;
+    for (c = 0; c < 3; c++) mean[c] /= sum;
+    memset(a, 0, sizeof a);
+    for (k = 0; k < t->count; k++) {
+        for (c = 0; c < 3; c++) off[c] = place[k][c] - mean[c];
+        for (c = 0; c < 9; c++) a[c] += share[k] / sum * off[c / 3] * off[c % 3];
+    }
+    trace = a[0] + a[4] + a[8];
+    for (c = 0; c < 9; c += 4) a[c] += 0.1 * trace;
+    det = peri_det3(a);
+    for (c = 0; c < 3; c++) off[c] = x[c] - mean[c];
+    lean[0] = lean[1] = lean[2] = 0;
+    if (det > 0) {
+        peri_adjugate3(a, inverse);
+        peri__apply(inverse, off, lean);
+    }
+    for (k = 0, trace = sum, sum = 0; k < t->count; k++) {
+        double tilt = 1;
+        for (d = 0; d < 3 && det > 0; d++) tilt += lean[d] / det * (place[k][d] - mean[d]);
+        share[k] *= tilt > 0 ? tilt : 0;
+        sum += share[k];
+    }
+    if (!(sum > 1e-3 * trace)) return 0;
+    for (k = 0; k < t->count; k++) t->share[k] = share[k] / sum;
+    return 1;
+}
+
+/* Renews the weights at share s of the step; away: from the foot to the particle. Returns 0 when the patch is out of
+   reach: the weights stay. */
+static int peri__foot(const peri_world *w, peri__contact *t, double s, double away[3]) {
+    const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+    double x[3], place[PERI__PATCH][3];
+    int k, c, found;
+    peri__place(w, (size_t)(a->first + t->particle), s, x);
+    for (k = 0; k < t->count; k++) peri__place(w, (size_t)(b->first + t->patch[k]), s, place[k]);
+    found = peri__foot_weights(t, x, place);
+    for (c = 0; c < 3; c++) {
+        away[c] = x[c];
+        for (k = 0; k < t->count; k++) away[c] -= t->share[k] * place[k][c];
+    }
+    return found;
+}
+
+/* Turns the contact's normal to where its foot is now, on the side where it is. */
+static void peri__contact_turn(peri__contact *t, const double away[3]) {
+    double length = sqrt(peri__dot3(away, away)), along = peri__dot3(away, t->normal);
+    int c;
+    if (!(length > 0.05 * t->distance)) return;
+    for (c = 0; c < 3; c++) t->normal[c] = (along < 0 ? -away[c] : away[c]) / length;
+}
+
+/* Distance of a contact's particle to its solid with all particles at xs, and the normal there. Through the surface it
+   goes on below zero. */
+static double peri__contact_distance(const peri_world *w, const peri__contact *t, const double *xs, double normal[3]) {
+    const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+    const double *x = xs + 3 * (size_t)(a->first + t->particle);
+    double away[3], length, along;
+    int k, c;
+    if (!b) {
+        const peri__collider *solid = peri__contact_collider(w, t);
+        double distance = peri__collider_distance(solid, 1, x, normal);
+        if (peri__dot3(normal, t->normal) > -0.5) return distance;
+        peri__apply(solid->rotation1, t->entry, away);      /* it is on its way out of the other side */
+        for (c = 0; c < 3; c++) away[c] = x[c] - away[c] - solid->position1[c];
+        memcpy(normal, t->normal, sizeof away);
+        return t->entry[3] + peri__dot3(away, normal);
+    }
+    for (c = 0; c < 3; c++) {
+        away[c] = x[c];
+        for (k = 0; k < t->count; k++)
+            away[c] -= t->share[k] * xs[3 * (size_t)(b->first + t->patch[k]) + (size_t)c];
+    }
+    length = sqrt(peri__dot3(away, away));
+    along = peri__dot3(away, t->normal);
+    if (along > 0.3 * length) {
+        for (c = 0; c < 3; c++) normal[c] = away[c] / length;
+        return length;
+    }
+    memcpy(normal, t->normal, sizeof away);
+    return along;
+}
+
+/* How far the particle has gone along the surface from where friction holds it, with the largest part of that which
+   holds: what is beyond slips. */
+static void peri__contact_slip(const peri_world *w, const peri__contact *t, const double normal[3], double tangent[3],
+                               double *length, double *limit) {
+    const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+    size_t at = 3 * (size_t)(a->first + t->particle);
+    double along;
+    int k, c;
+    if (!b) {
+        const peri__collider *solid = peri__contact_collider(w, t);
+        peri__apply(solid->rotation1, t->anchor, tangent);
+        for (c = 0; c < 3; c++) tangent[c] = w->x[at + (size_t)c] - tangent[c] - solid->position1[c];
+    } else {
+        for (c = 0; c < 3; c++) {
+            tangent[c] = t->anchor[c] + w->x[at + (size_t)c] - w->x0[at + (size_t)c];
+            for (k = 0; k < t->count; k++) {
+                size_t j = 3 * (size_t)(b->first + t->patch[k]) + (size_t)c;
+                tangent[c] -= t->share[k] * (w->x[j] - w->x0[j]);
+            }
+        }
+    }
+    along = peri__dot3(tangent, normal);
+    for (c = 0; c < 3; c++) tangent[c] -= along * normal[c];
+    *length = sqrt(peri__dot3(tangent, tangent));
+    *limit = t->friction * t->held / t->stiffness;
+}
+
+/* Push and hold of one contact at the present positions, left in the contact. */
+static void peri__contact_force(const peri_world *w, peri__contact *t) {
+    double normal[3], tangent[3], length, limit, hold;
+    int c;
+    t->depth = t->distance - peri__contact_distance(w, t, w->x, normal);
+    t->touching = t->depth > 0;
+    t->pressure = t->touching ? t->stiffness * t->depth : 0;
+    for (c = 0; c < 3; c++) t->force[c] = t->pressure * normal[c];
+    t->energy = t->touching ? t->pressure * t->depth / 2 : 0;
+    if (!t->touching || !(t->friction > 0)) return;
+    peri__contact_slip(w, t, normal, tangent, &length, &limit);
+    hold = length > limit ? limit / length : 1;
+    for (c = 0; c < 3; c++) t->force[c] -= t->stiffness * hold * tangent[c];
+    t->energy += t->stiffness * length * length * hold * (1 - hold / 2);
+}
+
+/* Adds sign times the contact's force to a gradient that begins with particle `origin` of the island order. */
+static void peri__contact_scatter(const peri_world *w, const peri__contact *t, int origin, double sign, peri_real *g) {
+    const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+    peri_real *at = g + 3 * (size_t)(a->at - origin + t->particle);
+    int k, c;
+    if (!(w->flags[a->first + t->particle] & PERI__FIXED))
+        for (c = 0; c < 3; c++) at[c] += (peri_real)(sign * t->force[c]);
+    for (k = 0; b && !b->asleep && k < t->count; k++) {
+        if (w->flags[b->first + t->patch[k]] & PERI__FIXED) continue;
+        at = g + 3 * (size_t)(b->at - origin + t->patch[k]);
+        for (c = 0; c < 3; c++) at[c] -= (peri_real)(sign * t->share[k] * t->force[c]);
+    }
+}
+
+/* Before the next iteration: weights, normal and the pressure that limits friction, all of which stay fixed during a
+   line search so that there is an energy, follow the particles. */
+static void peri__contact_refresh(peri_world *w, peri__contact *t) {
+    const peri__collider *solid;
+    double away[3], normal[3];
+    t->held = t->pressure;
+    if (t->target >= PERI__TARGET_BODY) {
+        if (peri__foot(w, t, 1, away)) peri__contact_turn(t, away);
+    } else {
+        solid = peri__contact_collider(w, t);
+        peri__collider_distance(solid, 1, w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->particle), normal);
+        if (peri__dot3(normal, t->normal) > -0.5) memcpy(t->normal, normal, sizeof normal);
+    }
+    peri__contact_force(w, t);
+}
+
+static peri_result peri__contact_add(peri_world *w, const peri__contact *t) {
+    peri_result bad = peri__contacts_reserve(w, w->contact_count + 1);
+    if (!bad) w->contacts[w->contact_count++] = *t;
+    return bad;
+}
+
+/* ---- implementation 9: finding contacts --------------------------------------------------------------------------
+   Boxes around the paths of bodies, swept along x, give the pairs that may meet; a grid over the surface of each body,
+   made when a pair needs it, gives the particles. */
+
+/* Order of contacts and holds: body, target, particle. */
+static int peri__hold_before(const peri__hold *a, int body, int target, int particle) {
+    if (a->body != body) return a->body < body;
+    if (a->target != target) return a->target < target;
+    return a->particle < particle;
+}
+
+/* What was held of this contact after the last step, or NULL. */
+static const peri__hold *peri__hold_find(const peri_world *w, int body, int target, int particle) {
+    int low = 0, high = w->hold_count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (peri__hold_before(&w->holds[middle], body, target, particle)) low = middle + 1;
+        else high = middle;
+    }
+    if (low == w->hold_count) return NULL;
+    return w->holds[low].body == body && w->holds[low].target == target && w->holds[low].particle == particle
+               ? &w->holds[low] : NULL;
+}
+
+/* Stiffness that a particle offers to what it touches, N/m. */
+static double peri__contact_stiffness(const peri_world *w, const peri__body *b, int particle) {
+    return 0.5 * (double)b->stiffness[particle] + (double)w->mass[b->first + particle] / (b->h * b->h);
+}
+
+static void peri__contact_begin(peri__contact *t, int body, int target, int particle, const peri__hold *hold) {
+    memset(t, 0, sizeof *t);
+    t->body = body;
+    t->target = target;
+    t->particle = particle;
+    t->grade = 1;
+    if (!hold) return;
+    t->known = 1;
+    t->grade = hold->grade > 2 ? hold->grade / 2 : 1;
+    memcpy(t->anchor, hold->anchor, sizeof t->anchor);
+    memcpy(t->entry, hold->entry, sizeof t->entry);
+}
+
+/* Box of the path of a body's surface in this step, wide enough for what touches it; how its guess moves as a whole, and
+   by how much single particles depart from that. */
+static void peri__body_sweep(const peri_world *w, peri__body *b) {
+    double reach = 2 * b->radius;
+    int i, c;
+    for (c = 0; c < 3; c++) {
+        b->lower[c] = 1e300;
+        b->upper[c] = -1e300;
+        b->drift[c] = 0;
+    }
+    b->stray = 0;
+    for (i = 0; i < b->surface_count; i++) {
+        size_t at = 3 * (size_t)(b->first + b->surface[i]);
+        for (c = 0; c < 3; c++) {
+            double x0 = w->x0[at + (size_t)c], x = w->x[at + (size_t)c], low = x < x0 ? x : x0, high = x < x0 ? x0 : x;
+            if (low - reach < b->lower[c]) b->lower[c] = low - reach;
+            if (high + reach > b->upper[c]) b->upper[c] = high + reach;
+            b->drift[c] += (x - x0) / b->surface_count;
+        }
+    }
+    for (i = 0; i < b->surface_count; i++) {
+        size_t at = 3 * (size_t)(b->first + b->surface[i]);
+        double square = 0;
+        for (c = 0; c < 3; c++) {
+            double off = w->x[at + (size_t)c] - w->x0[at + (size_t)c] - b->drift[c];
+            square += off * off;
+        }
+        if (square > b->stray * b->stray) b->stray = sqrt(square);
+    }
+}
+
+/* Squared distance of two particles of a body at rest. */
+static double peri__rest_square(const peri__body *b, int i, int j) {
+    double square = 0;
+    int c;
+    for (c = 0; c < 3; c++) {
+        double d = (double)b->points[3 * (size_t)i + (size_t)c] - (double)b->points[3 * (size_t)j + (size_t)c];
+        square += d * d;
+    }
+    return square;
+}
+
+/* A grid over the surface at the guess; kept while the body sleeps. */
+static peri_result peri__body_grid(peri_world *w, peri__body *b) {
+    double cell = sqrt(4 * b->radius * b->radius + PERI__SUPPORT * PERI__SUPPORT * b->spacing * b->spacing);
+    if (b->grid_made) return PERI_OK;
+    if (!b->grid.start) {
+        peri_result bad = peri__grid_reserve(w, &b->grid, b->surface_count);
+        if (bad) return bad;
+    }
+    peri__grid_fill(&b->grid, w->x + 3 * (size_t)b->first, b->surface, b->surface_count, cell);
+    b->grid_made = 1;
     return PERI_OK;
 }
 
-/* Is contact a before b in the order body, collider, particle? */
-static int peri__contact_order(const peri__contact *a, const peri__contact *b) {
-    if (a->body != b->body) return a->body < b->body;
-    if (a->collider != b->collider) return a->collider < b->collider;
-    return a->particle < b->particle;
+/* The nearest particles of b's surface within reach of q, at most PERI__PATCH, into the contact's patch; a body's own
+   particles that were near at rest are left out. */
+static void peri__patch_find(const peri_world *w, peri__contact *t, const double q[3], double reach) {
+    const peri__body *b = peri__contact_other(w, t);
+    const peri__grid *g = &b->grid;
+    double square[PERI__PATCH], apart = t->distance + PERI__SUPPORT * b->spacing;
+    const double *x = w->x + 3 * (size_t)b->first;
+    int low[3], high[3], a[3], c, k, m;
+    t->count = 0;
+    for (c = 0; c < 3; c++) {
+        low[c] = peri__grid_axis(g, c, q[c] - reach);
+        high[c] = peri__grid_axis(g, c, q[c] + reach);
+        if (q[c] + reach < g->lower[c] || q[c] - reach > g->upper[c]) return;
+    }
+    for (a[2] = low[2]; a[2] <= high[2]; a[2]++)
+        for (a[1] = low[1]; a[1] <= high[1]; a[1]++)
+            for (a[0] = low[0]; a[0] <= high[0]; a[0]++) {
+                int cell = a[0] + g->cells[0] * (a[1] + g->cells[1] * a[2]);
+                for (k = g->start[cell]; k < g->start[cell + 1]; k++) {
+                    int j = g->order[k];
+                    const double *p = x + 3 * (size_t)j;
+                    double r2 = (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) +
+                                (p[2] - q[2]) * (p[2] - q[2]);
+                    if (r2 >= reach * reach) continue;
+                    if (t->body == t->target - PERI__TARGET_BODY && peri__rest_square(b, t->particle, j) < apart * apart)
+                        continue;
+                    if (t->count == PERI__PATCH && r2 >= square[PERI__PATCH - 1]) continue;
+                    m = t->count < PERI__PATCH ? t->count++ : PERI__PATCH - 1;
+                    for (; m > 0 && (square[m - 1] > r2 || (square[m - 1] >= r2 && t->patch[m - 1] > j)); m--) {
+                        square[m] = square[m - 1];
+                        t->patch[m] = t->patch[m - 1];
+                    }
+                    square[m] = r2;
+                    t->patch[m] = j;
+                }
+            }
 }
 
-/* Contacts that body k may have in this step, from its first guess in x; those of the step before are met in order from
-   *before on and keep their hold. */
-static peri_result peri__contacts_find(peri_world *w, int k, double h, int *before) {
+/* Looks at share s of the step: the patch there, the vector from its foot to the particle. Returns the distance, or -1
+   when nothing is in reach. path: of the particle against the body's drift, from its end. */
+static double peri__contact_look(const peri_world *w, peri__contact *t, const double path[3], double s,
+                                 double away[3]) {
+    const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+    double q[3], reach = sqrt(t->reach2), pad = (1 - s) * b->stray;
+    const double *x = w->x + 3 * (size_t)(a->first + t->particle);
+    int c;
+    for (c = 0; c < 3; c++) q[c] = x[c] - (1 - s) * path[c];
+    peri__patch_find(w, t, q, reach + (pad < reach ? pad : reach));
+    if (!t->count || !peri__foot(w, t, s, away)) return -1;
+    return sqrt(peri__dot3(away, away));
+}
+
+/* Follows the particle through the step. Returns 1 when it touches the body's surface or comes near: then patch, weights
+   and normal are those of the end of the path, or, when it has gone through, of the place where it came in. */
+static int peri__contact_march(const peri_world *w, peri__contact *t, const double path[3], double length) {
+    double away[3], at = -1, margin = 1.25 * t->distance + length, steps = ceil(length / (0.5 * t->distance));
+    peri__contact found;
+    int k, c, pieces = steps < 1 ? 1 : steps > PERI__MARCH ? PERI__MARCH : (int)steps, came = 0;
+    if (margin > 2 * t->distance) margin = 2 * t->distance;
+    for (k = length < 0.25 * t->distance ? pieces : 0; k <= pieces; k++) {
+        at = peri__contact_look(w, t, path, (double)k / pieces, away);
+        if (at < 0 || came) continue;
+        if (t->known) peri__contact_turn(t, away);
+        else
+            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2;
+        if (k == pieces || (at > t->distance && peri__dot3(away, t->normal) > 0)) continue;
+        came = 1;           /* the first place where it touches ... */
+        found = *t;
+        k = pieces - 1;     /* ... and now the end of the path */
+    }
+    if (came && (at < 0 || !(peri__dot3(away, found.normal) > 0))) {
+        *t = found;
+        return 1;
+    }
+    if (came) peri__contact_turn(t, away);
+    return came || (at >= 0 && (at < margin || peri__dot3(away, t->normal) < 0));
+}
+
+/* The contact of particle i of body k with body m, if there may be one. */
+static peri_result peri__contact_try(peri_world *w, int k, int m, int i) {
+    peri__body *a = peri__body_at(w, k), *b = peri__body_at(w, m);
+    const peri__hold *hold = peri__hold_find(w, k, PERI__TARGET_BODY + m, i);
+    size_t at = 3 * (size_t)(a->first + i);
+    peri__contact t;
+    double path[3], length, other;
+    int c;
+    for (c = 0; c < 3; c++) {
+        double x0 = w->x0[at + (size_t)c], x = w->x[at + (size_t)c], reach = 2 * a->radius;
+        if ((x < x0 ? x0 : x) + reach < b->lower[c] || (x < x0 ? x : x0) - reach > b->upper[c]) return PERI_OK;
+        path[c] = x - x0 - b->drift[c];
+    }
+    length = sqrt(peri__dot3(path, path)) + b->stray;
+    peri__contact_begin(&t, k, PERI__TARGET_BODY + m, i, hold);
+    if (hold) memcpy(t.normal, hold->normal, sizeof t.normal);
+    t.distance = a->radius + b->radius;
+    t.reach2 = t.distance * t.distance + PERI__SUPPORT * PERI__SUPPORT * b->spacing * b->spacing;
+    t.friction = sqrt(a->friction * b->friction);
+    if (!peri__contact_march(w, &t, path, length)) return PERI_OK;
+    t.stiffness = peri__contact_stiffness(w, a, i);
+    other = peri__contact_stiffness(w, b, t.patch[0]);
+    t.stiffness = 0.5 * t.grade * (t.stiffness > other ? t.stiffness : other);
+    peri__contact_force(w, &t);
+    if (t.touching && b->asleep) {
+        peri__wake(w, b);
+        w->woken = 1;
+    }
+    return peri__contact_add(w, &t);
+}
+
+/* Follows a particle to a collider; returns 1 when it touches it or is near. */
+static int peri__contact_trace(const peri_world *w, const peri__body *b, const peri__collider *solid, peri__contact *t,
+                               double margin) {
+    size_t at = 3 * (size_t)(b->first + t->particle);
+    double arm[3], from[3], to[3], p[3], normal[3], length, s = 0, distance;
+    int c, k;
+    distance = peri__collider_distance(solid, 1, w->x + at, t->normal);
+    for (c = 0; c < 3; c++) arm[c] = w->x0[at + (size_t)c] - solid->position[c];
+    peri__apply_back(solid->rotation, arm, from);
+    for (c = 0; c < 3; c++) arm[c] = w->x[at + (size_t)c] - solid->position1[c];
+    peri__apply_back(solid->rotation1, arm, to);
+    for (c = 0; c < 3; c++) arm[c] = to[c] - from[c];
+    length = sqrt(peri__dot3(arm, arm));
+    memcpy(t->entry, to, sizeof to);
+    t->entry[3] = distance;
+    if (length < 0.5 * t->distance) return distance < margin;
+    for (k = 0; k < PERI__MARCH && s <= 1; k++) {       /* distances are lower bounds: no step can leap over a wall */
+        double d;
+        for (c = 0; c < 3; c++) p[c] = from[c] + s * arm[c];
+        d = peri__collider_local(solid, p, normal) - t->distance;
+        if (d <= 1e-3 * t->distance + 1e-9 * length) break;
+        s += d / length;
+    }
+    if (s > 1 || k == PERI__MARCH) return distance < margin;
+    memcpy(t->entry, p, sizeof p);
+    t->entry[3] = (double)peri__collider_local(solid, p, normal);
+    peri__apply(solid->rotation1, normal, t->normal);
+    return 1;
+}
+
+/* The contacts of body k with colliders. */
+static peri_result peri__contacts_colliders(peri_world *w, int k) {
     peri__body *b = peri__body_at(w, k);
     const double *x = w->x + 3 * (size_t)b->first, *x0 = w->x0 + 3 * (size_t)b->first;
-    double lower[3], upper[3], centre[3], reach = 0, margin, size = 0;
-    int i, c, at;
+    double lower[3], upper[3], centre[3], reach = 0, size = 0;
+    int i, c, at, n = 3 * peri__real_count(b);
     for (c = 0; c < 3; c++) lower[c] = upper[c] = x[c];
-    for (i = 0; i < 3 * b->count; i++) {
+    for (i = 0; i < n; i++) {
         double move = fabs(x[i] - x0[i]);
         if (x[i] < lower[i % 3]) lower[i % 3] = x[i];
         if (x[i] > upper[i % 3]) upper[i % 3] = x[i];
@@ -3233,124 +3910,456 @@ static peri_result peri__contacts_find(peri_world *w, int k, double h, int *befo
         centre[c] = (lower[c] + upper[c]) / 2;
         size += (upper[c] - lower[c]) * (upper[c] - lower[c]) / 4;
     }
-    margin = b->radius + b->spacing + reach;
     for (at = 0; at < w->colliders.capacity; at++) {
-        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, at);
-        if (!collider || peri__collider_distance(collider, 1, centre, NULL) > sqrt(size) + margin) continue;
-        for (i = 0; i < b->count; i++) {
-            peri__contact contact;
-            double away[3];
+        peri__collider *solid = (peri__collider *)(void *)peri__slot_at(&w->colliders, at);
+        double moved, margin;
+        if (!solid || solid->def.shape.kind == PERI_SHAPE_NONE) continue;
+        moved = 2 * reach + peri__collider_travel(solid, centre, sqrt(size) + reach);
+        margin = b->radius + b->spacing + moved;
+        if (peri__collider_distance(solid, 1, centre, NULL) > sqrt(size) + margin) continue;
+        for (i = 0; 3 * i < n; i++) {
+            peri__contact t;
+            const peri__hold *hold;
             peri_result bad;
             if (w->flags[b->first + i] & PERI__FIXED) continue;
-            if (peri__collider_distance(collider, 1, x + 3 * (size_t)i, NULL) > margin) continue;
-            memset(&contact, 0, sizeof contact);
-            contact.body = k;
-            contact.collider = at;
-            contact.particle = i;
-            while (*before < w->contact_before_count && peri__contact_order(&w->contacts_before[*before], &contact))
-                ++*before;
-            if (*before < w->contact_before_count && !peri__contact_order(&contact, &w->contacts_before[*before])) {
-                memcpy(contact.anchor, w->contacts_before[*before].anchor, sizeof contact.anchor);
-                contact.known = 1;
-            } else {
-                for (c = 0; c < 3; c++) away[c] = x0[3 * (size_t)i + (size_t)c] - collider->position[c];
-                peri__apply_back(collider->rotation, away, contact.anchor);
+            if (peri__collider_distance(solid, 1, x + 3 * (size_t)i, NULL) > margin) continue;
+            hold = peri__hold_find(w, k, at, i);
+            peri__contact_begin(&t, k, at, i, hold);
+            t.distance = b->radius;
+            if (hold) peri__apply(solid->rotation1, hold->normal, t.normal);
+            else if (!peri__contact_trace(w, b, solid, &t, b->radius + b->spacing + reach)) continue;
+            if (!hold) {
+                double away[3];
+                for (c = 0; c < 3; c++) away[c] = x0[3 * (size_t)i + (size_t)c] - solid->position[c];
+                peri__apply_back(solid->rotation, away, t.anchor);
             }
-            contact.stiffness = 0.5 * (double)b->stiffness[i] + (double)w->mass[b->first + i] / (h * h);
-            bad = peri__contact_add(w, &contact);
+            t.friction = peri__friction(solid);
+            t.stiffness = t.grade * peri__contact_stiffness(w, b, i);
+            peri__contact_force(w, &t);
+            bad = peri__contact_add(w, &t);
             if (bad) return bad;
         }
     }
     return PERI_OK;
 }
 
-/* A guess deep inside a collider would start the solve from layers pushed through each other. The body's guess is drawn
-   back towards where it was until no particle is deeper than a quarter of a spacing. */
-static void peri__contacts_retreat(peri_world *w, int k, int begin) {
-    peri__body *b = peri__body_at(w, k);
-    double *x = w->x + 3 * (size_t)b->first, share = 1, deepest = b->spacing / 4;
-    const double *x0 = w->x0 + 3 * (size_t)b->first;
-    int i;
-    for (i = begin; i < w->contact_count; i++) {
-        const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, w->contacts[i].collider);
-        size_t at = 3 * (size_t)w->contacts[i].particle;
-        double depth = b->radius - peri__collider_distance(c, 1, x + at, NULL), depth0, part;
+static int peri__bodies_meet(const peri__body *a, const peri__body *b) {
+    int c;
+    if (a == b) return a->self_contact;
+    if (!(a->group & b->touches) || !(b->group & a->touches) || !(a->radius + b->radius > 0)) return 0;
+    for (c = 0; c < 3; c++)
+        if (a->upper[c] < b->lower[c] || b->upper[c] < a->lower[c]) return 0;
+    return 1;
+}
+
+static int peri__edge_order(const void *a, const void *b) {
+    const peri__edge *x = (const peri__edge *)a, *y = (const peri__edge *)b;
+    if (x->lower < y->lower || x->lower > y->lower) return x->lower < y->lower ? -1 : 1;
+    return x->body - y->body;
+}
+
+static int peri__pair_order(const void *a, const void *b) {
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return (x > y) - (x < y);
+}
+
+static peri_result peri__pair_add(peri_world *w, int a, int b) {
+    if (w->pair_count == w->pair_capacity) {
+        int now = w->pair_capacity ? 2 * w->pair_capacity : 64;
+        void *data = w->pairs;
+        peri_result bad;
+        if (w->buffer) return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d pairs of bodies are near each "
+                                         "other: raise max_bodies of the world's definition", w->pair_capacity);
+        bad = peri__grow(w, &data, (size_t)w->pair_capacity, (size_t)now, sizeof *w->pairs);
+        if (bad) return bad;
+        w->pairs = (uint64_t *)data;
+        w->pair_capacity = now;
+    }
+    w->pairs[w->pair_count++] = (uint64_t)(uint32_t)a << 32 | (uint32_t)b;
+    return PERI_OK;
+}
+
+/* Pairs (a, b) of bodies whose boxes meet, a awake, both ways, in order. */
+static peri_result peri__pairs_find(peri_world *w) {
+    int n = 0, i, j, k;
+    peri_result bad = PERI_OK;
+    w->pair_count = 0;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        const peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        w->sweep[n].lower = b->lower[0];
+        w->sweep[n++].body = k;
+    }
+    qsort(w->sweep, (size_t)n, sizeof *w->sweep, peri__edge_order);
+    for (i = 0; i < n && !bad; i++) {
+        const peri__body *a = peri__body_at(w, w->sweep[i].body);
+        for (j = i; j < n && !bad; j++) {
+            const peri__body *b = peri__body_at(w, w->sweep[j].body);
+            if (b->lower[0] > a->upper[0]) break;
+            if ((a->asleep && b->asleep) || !peri__bodies_meet(a, b)) continue;
+            if (!a->asleep) bad = peri__pair_add(w, w->sweep[i].body, w->sweep[j].body);
+            if (!bad && !b->asleep && i != j) bad = peri__pair_add(w, w->sweep[j].body, w->sweep[i].body);
+        }
+    }
+    if (w->pair_count > 1) qsort(w->pairs, (size_t)w->pair_count, sizeof *w->pairs, peri__pair_order);
+    return bad;
+}
+
+/* All contacts that this step may have, in order of body, target, particle. */
+static peri_result peri__contacts_find(peri_world *w) {
+    int k, i, pair = 0;
+    peri_result bad = PERI_OK;
+    w->contact_count = 0;
+    w->pair_count = 0;
+    if (w->bodies.count > 1 || w->self_contacts) bad = peri__pairs_find(w);
+    for (k = 0; k < w->bodies.capacity && !bad; k++) {
+        peri__body *a = peri__body_at(w, k);
+        if (!a || a->asleep) continue;
+        if (w->colliders.count) bad = peri__contacts_colliders(w, k);
+        for (; !bad && pair < w->pair_count && (int)(w->pairs[pair] >> 32) == k; pair++) {
+            int m = (int)(w->pairs[pair] & 0xffffffffu);
+            bad = peri__body_grid(w, peri__body_at(w, m));
+            for (i = 0; i < a->surface_count && !bad; i++) bad = peri__contact_try(w, k, m, a->surface[i]);
+        }
+    }
+    return bad;
+}
+
+/* A guess deep inside a solid would start the solve from layers pushed through each other. The guess of the bodies that
+   meet is drawn back towards where they were until no particle is deeper than a quarter of its distance. */
+static void peri__contacts_retreat(peri_world *w) {
+    double normal[3];
+    int i, k;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b) b->retreat = 1;
+    }
+    for (i = 0; i < w->contact_count; i++) {
+        peri__contact *t = &w->contacts[i];
+        peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+        double deepest = t->distance / 2, depth = t->depth, depth0, part;
         if (depth <= deepest) continue;
-        depth0 = b->radius - peri__collider_distance(c, 1, x0 + at, NULL);
+        depth0 = t->distance - peri__contact_distance(w, t, w->x0, normal);
         part = depth0 < deepest ? (deepest - depth0) / (depth - depth0) : 0;
-        if (part < share) share = part;
+        if (part < a->retreat) a->retreat = part;
+        if (b && part < b->retreat) b->retreat = part;
     }
-    for (i = 0; share < 1 && i < 3 * b->count; i++)
-        if (!(w->flags[b->first + i / 3] & PERI__FIXED)) x[i] = x0[i] + share * (x[i] - x0[i]);
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        size_t at, end;
+        if (!b || b->asleep || !(b->retreat < 1)) continue;
+        end = 3 * (size_t)(b->first + b->count);
+        for (at = 3 * (size_t)b->first; at < end; at++)
+            if (!(w->flags[at / 3] & PERI__FIXED)) w->x[at] = w->x0[at] + b->retreat * (w->x[at] - w->x0[at]);
+    }
+    for (i = 0; i < w->contact_count; i++) peri__contact_force(w, &w->contacts[i]);
 }
 
-static double peri__friction(const peri__collider *c) {
-    if (c->def.type == PERI_FRICTION_SLIP) return 0;
-    return c->def.type == PERI_FRICTION_STICK ? 1e30 : (double)c->def.friction;
+/* Both ends sleep: what holds between them stays. */
+static int peri__hold_sleeps(const peri_world *w, const peri__hold *hold) {
+    return peri__body_at(w, hold->body)->asleep != 0;
 }
 
-/* Where friction holds a contact's particle now; slide: moved along as far as the particle has slipped. */
-static void peri__contact_hold(const peri__collider *c, const peri__contact *t, const double *x, double tangent[3],
-                               double *length, double *limit) {
-    double anchor[3], along = 0;
-    int k;
-    peri__apply(c->rotation1, t->anchor, anchor);
-    for (k = 0; k < 3; k++) {
-        tangent[k] = x[k] - anchor[k] - c->position1[k];
-        along += tangent[k] * t->normal[k];
-    }
-    *length = 0;
-    for (k = 0; k < 3; k++) {
-        tangent[k] -= along * t->normal[k];
-        *length += tangent[k] * tangent[k];
-    }
-    *length = sqrt(*length);
-    *limit = peri__friction(c) * t->held / t->stiffness;   /* displacement at which it slips */
-}
-
-/* Force of one contact at its particle's position x, left in the contact. */
-static void peri__contact_force(const peri_world *w, const peri__body *b, peri__contact *t, const double *x) {
-    const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, t->collider);
-    double depth = b->radius - peri__collider_distance(c, 1, x, t->normal), tangent[3], length, limit, hold;
-    int k;
-    t->touching = depth > 0;
-    t->pressure = t->touching ? t->stiffness * depth : 0;
-    for (k = 0; k < 3; k++) t->force[k] = t->pressure * t->normal[k];
-    t->energy = t->touching ? t->pressure * depth / 2 : 0;
-    if (!t->touching || c->def.type == PERI_FRICTION_SLIP) return;
-    peri__contact_hold(c, t, x, tangent, &length, &limit);
-    hold = length > limit ? limit / length : 1;
-    for (k = 0; k < 3; k++) t->force[k] -= t->stiffness * hold * tangent[k];
-    t->energy += t->stiffness * length * length * hold * (1 - hold / 2);
+/* What is to be remembered of a contact. */
+static void peri__hold_take(const peri_world *w, const peri__contact *t, peri__hold *hold) {
+    const peri__collider *solid = t->target < PERI__TARGET_BODY ? peri__contact_collider(w, t) : NULL;
+    const double *x = w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->particle);
+    double normal[3], tangent[3], arm[3], length, limit, share, distance;
+    int c;
+    hold->body = t->body;
+    hold->target = t->target;
+    hold->particle = t->particle;
+    hold->nearest = solid ? -1 : t->patch[0];
+    hold->grade = t->grade;
+    hold->overlap = t->depth;
+    memcpy(hold->force, t->force, sizeof hold->force);
+    memcpy(hold->normal, t->normal, sizeof hold->normal);
+    memcpy(hold->entry, t->entry, sizeof hold->entry);
+    peri__contact_distance(w, t, w->x, normal);
+    peri__contact_slip(w, t, normal, tangent, &length, &limit);
+    share = length > limit ? limit / length : 1;
+    for (c = 0; c < 3; c++) hold->anchor[c] = share * tangent[c];
+    if (!solid) return;
+    for (c = 0; c < 3; c++) arm[c] = x[c] - solid->position1[c] - share * tangent[c];
+    peri__apply_back(solid->rotation1, arm, hold->anchor);
+    peri__apply_back(solid->rotation1, t->normal, hold->normal);
+    distance = peri__collider_distance(solid, 1, x, arm);
+    if (!(peri__dot3(arm, t->normal) > -0.5)) return;
+    for (c = 0; c < 3; c++) arm[c] = x[c] - solid->position1[c];
+    peri__apply_back(solid->rotation1, arm, hold->entry);
+    hold->entry[3] = distance;
 }
 
 /* Keeps the touching contacts of the finished step, moves the hold of those that slipped, sums the impulses. */
-static void peri__contacts_commit(peri_world *w, double h) {
-    int k, c, kept = 0;
+static void peri__contacts_commit(peri_world *w, double dt) {
+    int k, c, n = 0, old = 0;
+    peri__hold *swap;
+    w->overlap = 0;
     for (k = 0; k < w->contact_count; k++) {
         peri__contact *t = &w->contacts[k];
-        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, t->collider);
-        peri__body *b = peri__body_at(w, t->body);
-        const double *x = w->x + 3 * (size_t)(b->first + t->particle);
-        double tangent[3], length, limit, hold, arm[3], turn[3];
+        peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
+        peri__hold *hold;
         if (!t->touching) continue;
-        for (c = 0; c < 3; c++) arm[c] = x[c] - collider->position1[c];
-        peri__cross(arm, t->force, turn);
-        for (c = 0; c < 3; c++) {
-            collider->linear[c] -= h * t->force[c];
-            collider->angular[c] -= h * turn[c];
+        for (; old < w->hold_count && w->holds[old].body < t->body; old++)
+            if (peri__hold_sleeps(w, &w->holds[old])) w->holds_next[n++] = w->holds[old];
+        hold = &w->holds_next[n++];
+        peri__hold_take(w, t, hold);
+        a->touching = 1;
+        if (t->depth > w->overlap * a->spacing) w->overlap = t->depth / a->spacing;
+        if (b) b->touching = 1;
+        else {
+            peri__collider *solid = (peri__collider *)(void *)peri__slot_at(&w->colliders, t->target);
+            size_t at = 3 * (size_t)(a->first + t->particle);
+            double push[3];
+            for (c = 0; c < 3; c++) push[c] = -dt * t->force[c];
+            peri__collider_push(solid, w->x + at, push);
+            a->held = 1;
+            if (peri__collider_moves(solid)) a->restless = 1;
         }
-        peri__contact_hold(collider, t, x, tangent, &length, &limit);
-        hold = length > limit ? limit / length : 1;
-        for (c = 0; c < 3; c++) arm[c] -= hold * tangent[c];
-        peri__apply_back(collider->rotation1, arm, t->anchor);
-        b->touching++;
-        w->contacts[kept++] = *t;
     }
-    w->contact_count = kept;
+    for (; old < w->hold_count; old++)
+        if (peri__hold_sleeps(w, &w->holds[old])) w->holds_next[n++] = w->holds[old];
+    swap = w->holds;
+    w->holds = w->holds_next;
+    w->holds_next = swap;
+    k = w->held_rows[2];
+    w->held_rows[2] = w->held_rows[3];
+    w->held_rows[3] = k;
+    w->hold_count = n;
 }
 
-/* ---- implementation 9: forces ------------------------------------------------------------------------------------ */
+/* ---- implementation 10: attachments ------------------------------------------------------------------------------ */
+
+peri_attachment_def peri_default_attachment_def(void) {
+    peri_attachment_def d;
+    memset(&d, 0, sizeof d);
+    d.cookie = PERI__COOKIE + 4;
+    d.here = 1;
+    d.break_force = PERI__R(1e30);
+    return d;
+}
+
+static peri__attachment *peri__attachment_find(const peri_world *w, peri_attachment_id id) {
+    return w ? (peri__attachment *)(void *)peri__slot_find(&w->attachments, id.index1, id.generation) : NULL;
+}
+
+static peri_result peri__no_attachment(peri_world *w, peri_attachment_id id) {
+    if (!w) return PERI_ERROR_ARGUMENT;
+    return peri__report(w, peri__fail(&w->error, PERI_ERROR_ID, "attachment (%u, %u) does not exist in this world (it "
+                                      "may have broken)", (unsigned)id.index1, (unsigned)id.generation));
+}
+
+static peri_result peri__check_particle(const char *name, const peri__body *b, int particle, peri_error *err) {
+    if (particle >= 0 && particle < peri__real_count(b)) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_INDEX, "%s is %d; the body has 0 to %d", name, particle, peri__real_count(b) - 1);
+}
+
+static peri_result peri__check_attachment(peri_world *w, const peri_attachment_def *d) {
+    peri_error *err = &w->error;
+    peri__body *a, *b;
+    peri_result bad;
+    if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the attachment's definition is NULL");
+    if (d->cookie != PERI__COOKIE + 4)
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "the attachment's definition was not made by peri_default_attachment_def");
+    a = peri__body_find(w, d->body);
+    b = peri__body_find(w, d->other);
+    if (!a || (!b && (d->other.index1 || d->other.generation)))
+        return peri__fail(err, PERI_ERROR_ID, "%s of the attachment does not exist in this world", a ? "other" : "body");
+    if ((d->collider.index1 || d->collider.generation) && !peri__collider_find(w, d->collider))
+        return peri__fail(err, PERI_ERROR_ID, "the attachment's collider does not exist in this world");
+    if (b && d->collider.index1)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "the attachment has both other and collider; take one");
+    bad = peri__check_particle("particle", a, d->particle, err);
+    if (!bad && b) bad = peri__check_particle("other_particle", b, d->other_particle, err);
+    if (!bad && a == b && d->particle == d->other_particle)
+        bad = peri__fail(err, PERI_ERROR_ARGUMENT, "the attachment joins particle %d to itself", d->particle);
+    if (!bad) bad = peri__finite_vec("point", d->point, err);
+    if (!bad) bad = peri__check_range("length", (double)d->length, 0, 1e15, err);
+    if (!bad) bad = peri__check_range("stiffness", (double)d->stiffness, 0, 1e18, err);
+    if (!bad) bad = peri__check_range("break_force", (double)d->break_force, 1e-30, 1e31, err);
+    return bad;
+}
+
+/* The end that is no particle of `body`, in the world, at the end (1) or the start (0) of the step. */
+static void peri__attachment_end(const peri_world *w, const peri__attachment *t, int end, double out[3]) {
+    const peri__collider *solid;
+    int c;
+    if (t->other >= 0) {
+        const peri__body *b = peri__body_at(w, t->other);
+        memcpy(out, (end ? w->x : w->x0) + 3 * (size_t)(b->first + t->def.other_particle), 3 * sizeof *out);
+        return;
+    }
+    if (t->collider < 0) {
+        memcpy(out, t->point, 3 * sizeof *out);
+        return;
+    }
+    solid = peri__collider_at(w, t->collider);
+    peri__apply(end ? solid->rotation1 : solid->rotation, t->point, out);
+    for (c = 0; c < 3; c++) out[c] += end ? solid->position1[c] : solid->position[c];
+}
+
+/* Both ends of an attachment, and their colliders' users, feel its changes. */
+static void peri__attachment_changed(peri_world *w, const peri__attachment *t) {
+    peri__body *a = peri__body_at(w, t->body), *b = t->other >= 0 ? peri__body_at(w, t->other) : NULL;
+    peri__wake(w, a);
+    if (b) peri__wake(w, b);
+}
+
+peri_attachment_id peri_attachment_create(peri_world *w, const peri_attachment_def *d) {
+    peri_attachment_id id = {0, 0};
+    peri__attachment *t;
+    const double *x;
+    double far_end[3], away[3];
+    int c;
+    if (!w) return id;
+    t = peri__check_attachment(w, d) ? NULL : (peri__attachment *)(void *)peri__slot_take(w, &w->attachments);
+    if (!t) {
+        peri__report(w, w->error.code);
+        return id;
+    }
+    t->def = *d;
+    t->body = (int)d->body.index1 - 1;
+    t->other = (int)d->other.index1 - 1;
+    t->collider = (int)d->collider.index1 - 1;
+    t->length = (double)d->length;
+    peri__vec(d->point, t->point);
+    x = w->x0 + 3 * (size_t)(peri__body_at(w, t->body)->first + d->particle);
+    if (d->here && t->other >= 0) {
+        peri__attachment_end(w, t, 0, far_end);
+        for (c = 0; c < 3; c++) away[c] = x[c] - far_end[c];
+        t->length = sqrt(peri__dot3(away, away));
+    } else if (d->here && t->collider >= 0) {
+        const peri__collider *solid = peri__collider_at(w, t->collider);
+        for (c = 0; c < 3; c++) away[c] = x[c] - solid->position[c];
+        peri__apply_back(solid->rotation, away, t->point);
+    } else if (d->here) {
+        memcpy(t->point, x, sizeof t->point);
+    }
+    id.index1 = peri__slot_use(&w->attachments, &t->slot);
+    id.generation = t->slot.generation;
+    peri__attachment_changed(w, t);
+    return id;
+}
+
+peri_result peri_attachment_destroy(peri_world *w, peri_attachment_id id) {
+    peri__attachment *t = peri__attachment_find(w, id);
+    if (!t) return peri__no_attachment(w, id);
+    peri__attachment_changed(w, t);
+    peri__slot_free(&w->attachments, &t->slot);
+    return PERI_OK;
+}
+
+int peri_attachment_is_valid(const peri_world *w, peri_attachment_id id) { return peri__attachment_find(w, id) != NULL; }
+
+peri_result peri_attachment_set_point(peri_world *w, peri_attachment_id id, peri_vec3 point) {
+    peri__attachment *t = peri__attachment_find(w, id);
+    peri_result bad;
+    if (!t) return peri__no_attachment(w, id);
+    bad = peri__finite_vec("point", point, &w->error);
+    if (!bad && t->other >= 0)
+        bad = peri__fail(&w->error, PERI_ERROR_ARGUMENT, "the attachment joins two particles and has no point");
+    if (bad) return peri__report(w, bad);
+    peri__vec(point, t->point);
+    peri__attachment_changed(w, t);
+    return PERI_OK;
+}
+
+peri_result peri_attachment_force(const peri_world *w, peri_attachment_id id, peri_vec3 *force) {
+    peri__attachment *t = peri__attachment_find(w, id);
+    if (!t) return w ? PERI_ERROR_ID : PERI_ERROR_ARGUMENT;
+    if (!force) return PERI_ERROR_ARGUMENT;
+    *force = peri__to_vec(t->committed);
+    return PERI_OK;
+}
+
+/* Forgets the attachments of body `body` or of collider `collider` (-1: none). */
+static void peri__attachments_drop(peri_world *w, int body, int collider) {
+    int k;
+    for (k = 0; k < w->attachments.capacity; k++) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        if (!t || !((body >= 0 && (t->body == body || t->other == body)) || (collider >= 0 && t->collider == collider)))
+            continue;
+        peri__attachment_changed(w, t);
+        peri__slot_free(&w->attachments, &t->slot);
+    }
+}
+
+/* Before a step: how stiff the rigid ones are. */
+static void peri__attachments_begin(peri_world *w) {
+    int k;
+    for (k = 0; k < w->attachments.capacity; k++) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        const peri__body *a, *b;
+        double other;
+        if (!t) continue;
+        a = peri__body_at(w, t->body);
+        b = t->other >= 0 ? peri__body_at(w, t->other) : NULL;
+        t->stiffness = (double)t->def.stiffness;
+        if (a->asleep || t->stiffness > 0) continue;
+        t->stiffness = peri__contact_stiffness(w, a, t->def.particle);
+        other = b ? peri__contact_stiffness(w, b, t->def.other_particle) : 0;
+        t->stiffness = 10 * (t->stiffness > other ? t->stiffness : other);
+    }
+}
+
+/* Force on the particle and energy at the present positions. */
+static void peri__attachment_force_now(const peri_world *w, peri__attachment *t) {
+    const double *x = w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->def.particle);
+    double away[3], length, over;
+    int c;
+    peri__attachment_end(w, t, 1, away);
+    for (c = 0; c < 3; c++) away[c] = x[c] - away[c];
+    length = sqrt(peri__dot3(away, away));
+    over = length - t->length;
+    if (t->def.rope && over < 0) over = 0;
+    for (c = 0; c < 3; c++) {
+        t->force[c] = length > 0 ? -t->stiffness * over / length * away[c] : 0;
+        if (!(t->length > 0)) t->force[c] = -t->stiffness * away[c];
+    }
+    t->energy = t->stiffness * over * over / 2;
+}
+
+/* Takes the force from a gradient that begins with particle `origin` of the island order. */
+static void peri__attachment_scatter(const peri_world *w, const peri__attachment *t, int origin, peri_real *g) {
+    const peri__body *a = peri__body_at(w, t->body), *b = t->other >= 0 ? peri__body_at(w, t->other) : NULL;
+    peri_real *at = g + 3 * (size_t)(a->at - origin + t->def.particle);
+    int c;
+    if (!(w->flags[a->first + t->def.particle] & PERI__FIXED))
+        for (c = 0; c < 3; c++) at[c] -= (peri_real)t->force[c];
+    if (!b || w->flags[b->first + t->def.other_particle] & PERI__FIXED) return;
+    at = g + 3 * (size_t)(b->at - origin + t->def.other_particle);
+    for (c = 0; c < 3; c++) at[c] += (peri_real)t->force[c];
+}
+
+/* After a step: impulses to colliders, who is held; what pulls too hard breaks. */
+static void peri__attachments_commit(peri_world *w, double dt) {
+    int k, c;
+    for (k = 0; k < w->attachments.capacity; k++) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        peri__body *a;
+        double push[3], end[3], limit;
+        if (!t || peri__body_at(w, t->body)->asleep) continue;
+        a = peri__body_at(w, t->body);
+        peri__attachment_force_now(w, t);
+        memcpy(t->committed, t->force, sizeof t->force);
+        if (t->collider >= 0) {
+            peri__collider *solid = peri__collider_at(w, t->collider);
+            for (c = 0; c < 3; c++) push[c] = -dt * t->force[c];
+            peri__attachment_end(w, t, 1, end);
+            peri__collider_push(solid, end, push);
+            if (peri__collider_moves(solid)) a->restless = 1;
+        }
+        if (t->other < 0) a->held = 1;
+        limit = (double)t->def.break_force;
+        if (!(peri__dot3(t->force, t->force) > limit * limit)) continue;
+        peri__attachment_changed(w, t);
+        peri__slot_free(&w->attachments, &t->slot);
+        w->stats.broken++;
+    }
+}
+
+/* ---- implementation 11: forces ------------------------------------------------------------------------------------ */
 
 typedef struct peri__pass {
     peri_world *w;
@@ -3427,7 +4436,7 @@ static double peri__elastic(peri_world *w, peri__body *b, int begin, int end) {
     return sum;
 }
 
-/* ---- implementation 10: health ----------------------------------------------------------------------------------- */
+/* ---- implementation 12: health ----------------------------------------------------------------------------------- */
 
 typedef struct peri__health {
     peri_world *w;
@@ -3474,17 +4483,17 @@ static peri_result peri__health_check(peri_world *w, peri__body *b) {
     return bad;
 }
 
-/* ---- implementation 11: the constant matrix (PP section 4.1, SH (23)) --------------------------------------------
+/* ---- implementation 13: the constant matrix (PP section 4.1, SH (23)) --------------------------------------------
    M/h^2 + scale * the weighted Laplacian of the bonds. It only steers the iteration: the answer is that of the forces,
    so a matrix made for a slightly different step, or without the newest contact, still serves. */
 
-static void peri__matrix_values(peri_world *w, peri__body *b, double h) {
+static void peri__matrix_values(peri_world *w, peri__body *b) {
     const unsigned char *flags = w->flags + b->first;
     double scale = (double)w->def.matrix_scale, ratio;
     int i, k;
     b->chebyshev_low = 1;
     for (i = 0; i < b->count; i++) {
-        double mass = (double)w->mass[b->first + i] / (h * h) + (double)b->pinned[i];
+        double mass = (double)w->mass[b->first + i] / (b->h * b->h) + (double)b->pinned[i];
         for (k = b->row[i]; k < b->row[i + 1]; k++)
             b->value[k] = flags[i] & PERI__FIXED || flags[b->col[k]] & PERI__FIXED
                               ? 0 : (peri_real)(-scale * peri__bond_stiffness(b, i, k));
@@ -3492,29 +4501,42 @@ static void peri__matrix_values(peri_world *w, peri__body *b, double h) {
         ratio = mass / (mass + scale * (double)b->stiffness[i]);
         if (ratio < b->chebyshev_low) b->chebyshev_low = ratio;
     }
-    b->matrix_h = h;
+    b->matrix_h = b->h;
     b->stale = 0;
     b->wasted = 0;
 }
 
-/* Contacts stiffen the matrix where they touch, or (guessing, before a solve) where they did and have hardly left.
-   Writes that into pinned when `take` is set; returns the number of particles that differ from it. p is scratch. */
-static int peri__matrix_pin(peri_world *w, peri__body *b, int begin, int guessing, int take) {
-    peri_real *wanted = w->p + 3 * (size_t)b->first;
+static size_t peri__pin_at(const peri__body *b, int i) { return 3 * (size_t)b->at + (size_t)i; }
+
+/* What contacts and attachments want to see in the diagonals of an island's matrices, N/m, into p, which is scratch
+   here: contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
+static void peri__island_pin(peri_world *w, const peri__island *island, int guessing) {
+    const peri__body *b;
+    int i, k;
+    memset(w->p + 3 * (size_t)island->at, 0, 3 * (size_t)island->count * sizeof *w->p);
+    for (i = island->contacts; i < island->contacts_end; i++) {
+        const peri__contact *t = &w->contacts[w->contact_order[i]];
+        if (!(t->depth > 0) && !(guessing && t->known && t->depth > -0.1 * t->distance)) continue;
+        b = peri__body_at(w, t->body);
+        w->p[peri__pin_at(b, t->particle)] += (peri_real)t->stiffness;
+        b = peri__contact_other(w, t);
+        for (k = 0; b && !b->asleep && k < t->count; k++)
+            w->p[peri__pin_at(b, t->patch[k])] += (peri_real)(t->share[k] * t->stiffness);
+    }
+    for (i = island->attachment; i >= 0; i = peri__attachment_at(w, i)->next) {
+        const peri__attachment *t = peri__attachment_at(w, i);
+        b = peri__body_at(w, t->body);
+        w->p[peri__pin_at(b, t->def.particle)] += (peri_real)t->stiffness;
+        b = t->other >= 0 ? peri__body_at(w, t->other) : NULL;
+        if (b) w->p[peri__pin_at(b, t->def.other_particle)] += (peri_real)t->stiffness;
+    }
+}
+
+/* Number of particles whose pin differs from what the matrix knows. */
+static int peri__matrix_stale(const peri_world *w, const peri__body *b) {
     int i, differ = 0;
-    for (i = 0; i < b->count; i++) wanted[i] = 0;
-    for (i = begin; i < w->contact_count; i++) {
-        peri__contact *t = &w->contacts[i];
-        const peri__collider *c = (const peri__collider *)(void *)peri__slot_at(&w->colliders, t->collider);
-        const double *x = w->x + 3 * (size_t)(b->first + t->particle);
-        double depth = b->radius - peri__collider_distance(c, 1, x, NULL);
-        if (depth > 0 || (guessing && t->known && depth > -0.1 * b->spacing))
-            wanted[t->particle] += (peri_real)t->stiffness;
-    }
-    for (i = 0; i < b->count; i++) {
-        differ += (wanted[i] > 0) != (b->pinned[i] > 0);
-        if (take) b->pinned[i] = wanted[i];
-    }
+    for (i = 0; i < b->count; i++)
+        differ += (w->p[peri__pin_at(b, i)] > 0) != (b->pinned[i] > 0);
     return differ;
 }
 
@@ -3582,12 +4604,13 @@ static double peri__iteration_cost(const peri__body *b) {
     return bonds;
 }
 
-/* Makes the matrix for steps of effective length h and the contacts from `contacts` on. */
-static peri_result peri__matrix_make(peri_world *w, peri__body *b, int contacts, int guessing, double h) {
+/* Makes the matrix for the present step, with the pins that peri__island_pin left. */
+static peri_result peri__matrix_make(peri_world *w, peri__body *b) {
     double start = peri__clock(w);
     peri_result bad = PERI_OK;
-    peri__matrix_pin(w, b, contacts, guessing, 1);
-    peri__matrix_values(w, b, h);
+    int i;
+    for (i = 0; i < b->count; i++) b->pinned[i] = w->p[peri__pin_at(b, i)];
+    peri__matrix_values(w, b);
     if (b->solver == PERI_SOLVER_CHEBYSHEV) bad = peri__reserve(w, w->particles, PERI__WANT_CHEBYSHEV, 0);
 #ifndef PERI_NO_CHOLESKY
     if (b->solver == PERI_SOLVER_CHOLESKY) bad = peri__matrix_factor(w, b);
@@ -3597,30 +4620,27 @@ static peri_result peri__matrix_make(peri_world *w, peri__body *b, int contacts,
     return bad;
 }
 
-/* Before a step: the matrix is made anew when the step has changed much, or when contacts that it does not know have
+/* Before a step: a matrix is made anew when the step has changed much, or when contacts that it does not know have
    cost as much as that takes. */
-static peri_result peri__matrix_prepare(peri_world *w, peri__body *b, int contacts, double h) {
-    int near = b->matrix_h > 0 && h < 1.25 * b->matrix_h && h > 0.8 * b->matrix_h;
-    peri__solver_choose(w, b);
-    b->stale = peri__matrix_pin(w, b, contacts, 1, 0);
-    if (near && (!b->stale || b->wasted < peri__factor_cost(b))) return PERI_OK;
-    return peri__matrix_make(w, b, contacts, 1, h);
+static peri_result peri__matrices_prepare(peri_world *w, const peri__island *island) {
+    peri__body *b;
+    peri_result bad = PERI_OK;
+    peri__island_pin(w, island, 1);
+    for (b = peri__body_at(w, island->first); b && !bad; b = peri__body_at(w, b->next)) {
+        int near = b->matrix_h > 0 && b->h < 1.25 * b->matrix_h && b->h > 0.8 * b->matrix_h;
+        peri__solver_choose(w, b);
+        b->stale = peri__matrix_stale(w, b);
+        if (!near || (b->stale && !(b->wasted < peri__factor_cost(b)))) bad = peri__matrix_make(w, b);
+    }
+    return bad;
 }
 
-typedef struct peri__solver_context {
-    peri_world *w;
-    peri__body *b;
-} peri__solver_context;
-
-/* p = P^-1 g: the global step (peri_precondition). */
-static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
-    peri__solver_context *s = (peri__solver_context *)context;
-    peri_world *w = s->w;
-    peri__body *b = s->b;
+/* p = P^-1 g of one body: the global step. */
+static void peri__global_body(peri_world *w, const peri__body *b, const peri_real *g, peri_real *p) {
     peri_matrix a = peri__matrix(b);
     size_t k, n = 3 * (size_t)b->count;
-    peri_real *work = w->work + (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * (size_t)b->first;
-    double start = peri__clock(w), low, scale = (double)w->def.matrix_scale;
+    peri_real *work = w->work + (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * (size_t)b->at;
+    double low, scale = (double)w->def.matrix_scale;
     switch (b->solver) {
     case PERI_SOLVER_JACOBI: peri_jacobi3(&a, &w->def.parallel, g, p); break;
     case PERI_SOLVER_POSITION:
@@ -3642,64 +4662,116 @@ static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
 #endif
         break;
     }
-    w->stats.profile.global += 1e3 * (peri__clock(w) - start);
 }
 
-/* ---- implementation 12: the solve --------------------------------------------------------------------------------
-   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contact of one body: quasi-Newton on the constant matrix (SH section 5.2;
-   for the projective model this is PP's local/global iteration), L-BFGS over it, and a line search on the slope and,
-   down to its rounding, the energy. */
+/* ---- implementation 14: the solve --------------------------------------------------------------------------------
+   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contacts + attachments of an island, the bodies that touch or are attached to
+   each other: quasi-Newton on the constant matrices of its bodies (SH section 5.2; for the projective model this is PP's
+   local/global iteration), L-BFGS over them, and a line search on the slope and, down to its rounding, the energy. */
 
 typedef struct peri__solve {
     peri_world *w;
-    peri__body *b;
-    peri__pass pass;
-    peri__solver_context context;
+    peri__island island;
     peri_lbfgs lbfgs;
-    peri_real *g, *g1, *p, *change;
-    double *x, *base;
-    int contact_begin, contact_end;
-    int n;                      /* 3 count */
+    peri_real *g, *g1, *p, *change;     /* 3 n/3 each, bodies of the island one behind the other */
+    double *base;
+    int n;                      /* 3 particles */
+    int energetic;              /* 0: a projective body, whose force is the slope of no energy */
     int evaluations;
     double energy, energy1;     /* at x, at the trial */
 } peri__solve;
 
-/* Gradient at s->x into out, energy into *energy (NULL: not needed); returns 0 when they are not finite. */
-static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
-    double start = peri__clock(s->w), inertia = 0, sum;
-    int k, c;
-    s->pass.f = out;
-    s->pass.energy = energy != NULL;
-    sum = peri__pass_run(&s->pass);
-    for (k = 0; k < s->n && energy; k++) {
-        double away = s->x[k] - s->pass.star[k];
-        inertia += (double)s->w->mass[s->b->first + k / 3] * away * away;
+static peri__body *peri__first(const peri__solve *s) { return peri__body_at(s->w, s->island.first); }
+static peri__body *peri__next(const peri__solve *s, const peri__body *b) { return peri__body_at(s->w, b->next); }
+
+/* x of the island's bodies into the island's order; back; and back with a share of p added. */
+static void peri__positions_get(const peri__solve *s, double *to) {
+    const peri__body *b;
+    for (b = peri__first(s); b; b = peri__next(s, b))
+        memcpy(to + 3 * (size_t)(b->at - s->island.at), s->w->x + 3 * (size_t)b->first, 3 * (size_t)b->count * sizeof *to);
+}
+
+static void peri__positions_put(const peri__solve *s, const double *from) {
+    const peri__body *b;
+    for (b = peri__first(s); b; b = peri__next(s, b))
+        memcpy(s->w->x + 3 * (size_t)b->first, from + 3 * (size_t)(b->at - s->island.at),
+               3 * (size_t)b->count * sizeof *from);
+}
+
+static void peri__positions_set(const peri__solve *s, const double *from, double alpha) {
+    const peri__body *b;
+    for (b = peri__first(s); b; b = peri__next(s, b)) {
+        size_t at = 3 * (size_t)(b->at - s->island.at), k;
+        double *x = s->w->x + 3 * (size_t)b->first;
+        for (k = 0; k < 3 * (size_t)b->count; k++) x[k] = from[at + k] + alpha * (double)s->p[at + k];
     }
-    sum += inertia * s->pass.inv_h2 / 2;
-    for (k = s->contact_begin; k < s->contact_end; k++) {
-        peri__contact *t = &s->w->contacts[k];
-        peri__contact_force(s->w, s->b, t, s->x + 3 * (size_t)t->particle);
-        for (c = 0; c < 3; c++) out[3 * (size_t)t->particle + (size_t)c] -= (peri_real)t->force[c];
+}
+
+/* p = P^-1 g, body by body (peri_precondition). */
+static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
+    const peri__solve *s = (const peri__solve *)context;
+    double start = peri__clock(s->w);
+    const peri__body *b;
+    for (b = peri__first(s); b; b = peri__next(s, b)) {
+        size_t at = 3 * (size_t)(b->at - s->island.at);
+        peri__global_body(s->w, b, g + at, p + at);
+    }
+    s->w->stats.profile.global += 1e3 * (peri__clock(s->w) - start);
+}
+
+/* Gradient of one body without its contacts, and its energy with inertia. */
+static double peri__evaluate_body(peri__solve *s, peri__body *b, peri_real *out, int energy) {
+    peri__pass pass;
+    double sum, inertia = 0;
+    int k;
+    peri__pass_begin(&pass, s->w, b, out);
+    pass.star = s->w->star + 3 * (size_t)b->first;
+    pass.inv_h2 = 1 / (b->h * b->h);
+    pass.energy = energy;
+    sum = peri__pass_run(&pass);
+    for (k = 0; k < 3 * b->count && energy; k++) {
+        double away = pass.x[k] - pass.star[k];
+        inertia += (double)s->w->mass[b->first + k / 3] * away * away;
+    }
+    return sum + inertia * pass.inv_h2 / 2;
+}
+
+/* Gradient at x into out, energy into *energy (NULL: not needed); returns 0 when they are not finite. */
+static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
+    peri_world *w = s->w;
+    double start = peri__clock(w), sum = 0;
+    peri__body *b;
+    int k;
+    for (b = peri__first(s); b; b = peri__next(s, b))
+        sum += peri__evaluate_body(s, b, out + 3 * (size_t)(b->at - s->island.at), energy != NULL);
+    for (k = s->island.contacts; k < s->island.contacts_end; k++) {
+        peri__contact *t = &w->contacts[w->contact_order[k]];
+        peri__contact_force(w, t);
+        peri__contact_scatter(w, t, s->island.at, -1, out);
+        sum += t->energy;
+    }
+    for (k = s->island.attachment; k >= 0; k = peri__attachment_at(w, k)->next) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        peri__attachment_force_now(w, t);
+        peri__attachment_scatter(w, t, s->island.at, out);
         sum += t->energy;
     }
     if (energy) *energy = sum;
     s->evaluations++;
-    s->w->stats.profile.local += 1e3 * (peri__clock(s->w) - start);
-    return peri__finite(sum) && peri__finite(peri_dot(&s->w->def.parallel, s->n, out, out));
+    w->stats.profile.local += 1e3 * (peri__clock(w) - start);
+    return peri__finite(sum) && peri__finite(peri_dot(&w->def.parallel, s->n, out, out));
 }
 
-/* Lets friction know the present pressures; gradient and energy follow. */
-static void peri__refresh_friction(peri__solve *s) {
-    int k, c;
-    for (k = s->contact_begin; k < s->contact_end; k++) {
-        peri__contact *t = &s->w->contacts[k];
-        peri_real *g = s->g + 3 * (size_t)t->particle;
-        double before[3];
-        memcpy(before, t->force, sizeof before);
+/* Lets the contacts follow what was reached; gradient and energy with them. */
+static void peri__refresh_contacts(peri__solve *s) {
+    int k;
+    for (k = s->island.contacts; k < s->island.contacts_end; k++) {
+        peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
+        if (!t->touching && t->depth < -0.5 * t->distance && t->target < PERI__TARGET_BODY) continue;
         s->energy -= t->energy;
-        t->held = t->pressure;
-        peri__contact_force(s->w, s->b, t, s->x + 3 * (size_t)t->particle);
-        for (c = 0; c < 3; c++) g[c] += (peri_real)(before[c] - t->force[c]);
+        peri__contact_scatter(s->w, t, s->island.at, 1, s->g);
+        peri__contact_refresh(s->w, t);
+        peri__contact_scatter(s->w, t, s->island.at, -1, s->g);
         s->energy += t->energy;
     }
 }
@@ -3723,6 +4795,19 @@ static double peri__largest(const peri_real *p, int n) {
     return sqrt(largest);
 }
 
+/* Largest correction of any body, in its tolerance; *length: in m. */
+static double peri__corrections(const peri__solve *s, double *length) {
+    const peri__body *b;
+    double worst = 0;
+    *length = 0;
+    for (b = peri__first(s); b; b = peri__next(s, b)) {
+        double largest = peri__largest(s->p + 3 * (size_t)(b->at - s->island.at), 3 * b->count);
+        if (largest > *length) *length = largest;
+        if (largest > worst * b->tolerance) worst = largest / b->tolerance;
+    }
+    return worst;
+}
+
 #define PERI__NOISE (sizeof(peri_real) > 4 ? 1e-12 : 1e-6)      /* of an energy, relative */
 
 /* Goes along p from where x is, as far as slope and energy allow; leaves the gradient there in g1. Returns the share of
@@ -3731,38 +4816,37 @@ static double peri__search(peri__solve *s) {
     const peri_parallel *par = &s->w->def.parallel;
     double slope = peri_dot(par, s->n, s->g, s->p), alpha = 1, slope1, shrink;
     double noise = PERI__NOISE * fabs(s->energy);
-    /* the projective model's force is the slope of no energy */
-    int energy = s->b->matter.m.model != PERI_MODEL_PROJECTIVE;
-    int tries, k;
-    memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
+    int tries;
+    peri__positions_get(s, s->base);
     for (tries = 0; tries < 14; tries++) {
-        for (k = 0; k < s->n; k++) s->x[k] = s->base[k] + alpha * (double)s->p[k];
+        peri__positions_set(s, s->base, alpha);
         shrink = 0.25;
-        if (peri__evaluate(s, s->g1, energy ? &s->energy1 : NULL)) {
+        if (peri__evaluate(s, s->g1, s->energetic ? &s->energy1 : NULL)) {
             slope1 = peri_dot(par, s->n, s->g1, s->p);
-            if (slope1 <= 0.9 * fabs(slope) && (!energy || s->energy1 <= s->energy + noise)) return alpha;
+            if (slope1 <= 0.9 * fabs(slope) && (!s->energetic || s->energy1 <= s->energy + noise)) return alpha;
             shrink = slope1 > 0 ? slope / (slope - slope1) : 0.5;
         }
         alpha *= shrink < 0.1 ? 0.1 : shrink > 0.6 ? 0.6 : shrink;
     }
-    memcpy(s->x, s->base, (size_t)s->n * sizeof *s->x);
+    peri__positions_put(s, s->base);
     return 0;
 }
 
-/* One quasi-Newton step from the gradient in g: direction, search, memory. *length: the correction, m. Returns 0 when
-   it is below the tolerance or nothing better was found. */
-static int peri__iterate(peri__solve *s, double tolerance, double *length) {
+/* One quasi-Newton step from the gradient in g: direction, search, memory. *length: the correction, m; *worst: in
+   tolerances. Returns 0 when it is below the tolerance or nothing better was found. */
+static int peri__iterate(peri__solve *s, double *length, double *worst) {
     const peri_parallel *par = &s->w->def.parallel;
     double alpha;
     int k;
-    peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, &s->context);
+    peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, s);
     if (!(peri_dot(par, s->n, s->g, s->p) < 0)) {
         peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
-        peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, &s->context);
+        peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, s);
     }
-    *length = peri__largest(s->p, s->n);
-    if (*length <= tolerance) {     /* the last correction is made, not checked: a body at rest must not creep by it */
-        for (k = 0; k < s->n; k++) s->x[k] += (double)s->p[k];
+    *worst = peri__corrections(s, length);
+    if (*worst <= 1) {      /* the last correction is made, not checked: a body at rest must not creep by it */
+        peri__positions_get(s, s->base);
+        peri__positions_set(s, s->base, 1);
         return 0;
     }
     alpha = peri__search(s);
@@ -3777,48 +4861,54 @@ static int peri__iterate(peri__solve *s, double tolerance, double *length) {
     }
     peri_lbfgs_push(&s->lbfgs, par, s->change, s->g);
     peri__take_trial(s);
-    peri__refresh_friction(s);
+    peri__refresh_contacts(s);
     return 1;
 }
 
-static void peri__solve_begin(peri__solve *s, peri_world *w, peri__body *b, double inv_h2) {
-    size_t at = 3 * (size_t)b->first;
+static void peri__solve_begin(peri__solve *s, peri_world *w, const peri__island *island) {
+    size_t at = 3 * (size_t)island->at;
+    const peri__body *b;
     memset(s, 0, sizeof *s);
     s->w = w;
-    s->b = b;
-    s->n = 3 * b->count;
-    s->x = w->x + at;
+    s->island = *island;
+    s->n = 3 * island->count;
+    s->energetic = 1;
+    for (b = peri__first(s); b; b = peri__next(s, b)) s->energetic &= b->matter.m.model != PERI_MODEL_PROJECTIVE;
     s->base = w->base + at;
     s->g = w->g + at;
     s->g1 = w->g1 + at;
     s->p = w->p + at;
     s->change = w->change + at;
-    s->context.w = w;
-    s->context.b = b;
-    peri__pass_begin(&s->pass, w, b, s->g);
-    s->pass.star = w->star + at;
-    s->pass.inv_h2 = inv_h2;
     peri_lbfgs_begin(&s->lbfgs, s->n, w->def.lbfgs, w->history ? w->history + 2 * (size_t)w->def.lbfgs * at : NULL);
 }
 
-/* Within a solve that takes longer than usual: counts what contacts unknown to the matrix cost, and makes it anew when
+/* Within a solve that takes longer than usual: counts what contacts unknown to a matrix cost, and makes it anew when
    that has become as much as making it (which bounds the loss at a factor of two). */
-static peri_result peri__matrix_renew(peri__solve *s, double h, int evaluations) {
-    peri__body *b = s->b;
-    b->stale = peri__matrix_pin(s->w, b, s->contact_begin, 0, 0);
-    if (!b->stale) return PERI_OK;
-    b->wasted += evaluations * peri__iteration_cost(b);
-    return b->wasted < peri__factor_cost(b) ? PERI_OK : peri__matrix_make(s->w, b, s->contact_begin, 0, h);
+static peri_result peri__matrices_renew(peri__solve *s, int iterations, int evaluations) {
+    peri__body *b;
+    peri_result bad = PERI_OK;
+    int late = 0;
+    for (b = peri__first(s); b; b = peri__next(s, b)) late |= iterations > b->usual + 3;
+    if (!late) return PERI_OK;
+    peri__island_pin(s->w, &s->island, 0);
+    for (b = peri__first(s); b && !bad; b = peri__next(s, b)) {
+        b->stale = peri__matrix_stale(s->w, b);
+        if (!b->stale) continue;
+        b->wasted += evaluations * peri__iteration_cost(b);
+        if (!(b->wasted < peri__factor_cost(b))) bad = peri__matrix_make(s->w, b);
+    }
+    return bad;
 }
 
 /* Puts the free particles where they were before the step; leaves the gradient and energy there in g1 and energy1.
    Returns 0 when these are not finite. */
 static int peri__restart(peri__solve *s) {
-    const double *x0 = s->w->x0 + 3 * (size_t)s->b->first;
-    int k;
-    memcpy(s->base, s->x, (size_t)s->n * sizeof *s->x);
-    for (k = 0; k < s->n; k++)
-        if (!(s->w->flags[s->b->first + k / 3] & PERI__FIXED)) s->x[k] = x0[k];
+    const peri__body *b;
+    size_t k;
+    peri__positions_get(s, s->base);
+    for (b = peri__first(s); b; b = peri__next(s, b))
+        for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++)
+            if (!(s->w->flags[k / 3] & PERI__FIXED)) s->w->x[k] = s->w->x0[k];
     return peri__evaluate(s, s->g1, &s->energy1);
 }
 
@@ -3826,17 +4916,21 @@ static int peri__restart(peri__solve *s) {
    that may be absurd. Then the positions before the step are tried too, and the better start is kept. Returns 0 when
    neither is finite. */
 static int peri__start(peri__solve *s) {
-    const double *x0 = s->w->x0 + 3 * (size_t)s->b->first;
-    double reach = 0;
-    int k, finite = peri__evaluate(s, s->g, &s->energy);
-    for (k = 0; k < s->n; k++)
-        if (fabs(s->x[k] - x0[k]) > reach) reach = fabs(s->x[k] - x0[k]);
-    if (finite && !s->b->unhealthy && (!s->b->fixed || reach < s->b->spacing)) return 1;
+    const peri__body *b;
+    int finite = peri__evaluate(s, s->g, &s->energy), doubtful = !finite;
+    for (b = peri__first(s); b; b = peri__next(s, b)) {
+        double reach = 0;
+        size_t k;
+        for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++)
+            if (fabs(s->w->x[k] - s->w->x0[k]) > reach) reach = fabs(s->w->x[k] - s->w->x0[k]);
+        doubtful |= b->unhealthy || (b->fixed && reach >= b->spacing);
+    }
+    if (!doubtful) return 1;
     if (peri__restart(s) && (!finite || s->energy1 < s->energy)) {
         peri__take_trial(s);
         return 1;
     }
-    memcpy(s->x, s->base, (size_t)s->n * sizeof *s->x);
+    peri__positions_put(s, s->base);
     return finite && peri__evaluate(s, s->g, &s->energy);
 }
 
@@ -3851,60 +4945,281 @@ static double peri__trust(const peri_world *w, const peri__body *b) {
 /* How small a correction ends the iterations, m. In short steps what forces move in one step, x - x*, is far less than
    a spacing: then that is the measure (times ten, so that game steps keep the spacing), or the step would end with its
    guess. */
-static double peri__tolerance(const peri__solve *s) {
-    const peri_world *w = s->w;
-    double away = 0, scale = s->b->spacing;
-    int k;
-    for (k = 0; k < s->n; k++)
-        if (fabs(s->x[k] - s->pass.star[k]) > away) away = fabs(s->x[k] - s->pass.star[k]);
+static double peri__tolerance(const peri_world *w, const peri__body *b) {
+    double away = 0, scale = b->spacing;
+    size_t k;
+    for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++)
+        if (fabs(w->x[k] - w->star[k]) > away) away = fabs(w->x[k] - w->star[k]);
     if (10 * away < scale) scale = 10 * away > 1e-3 * scale ? 10 * away : 1e-3 * scale;
     /* a push that is right to 10 % only lets single particles slip for good: measured, blocks creep down slopes */
-    if (s->contact_end > s->contact_begin) scale /= 4;
-    return (double)w->def.tolerance * scale * peri__trust(w, s->b);
+    if (b->near_contact) scale /= 4;
+    return (double)w->def.tolerance * scale * peri__trust(w, b);
 }
 
-/* Solves body b; x holds the first guess and then the answer. */
-static peri_result peri__solve_body(peri_world *w, peri__body *b, int contact_begin, double h) {
-    peri__solve s;
-    double tolerance, length = 0, residual;
-    int iterations = 0, going = 1, before;
+/* Iterates to the tolerance. *worst: the last correction, in tolerances. */
+static peri_result peri__descend(peri__solve *s, int *iterations, double *length, double *worst) {
     peri_result bad = PERI_OK;
-    peri__solve_begin(&s, w, b, 1 / (h * h));
-    s.contact_begin = contact_begin;
-    s.contact_end = w->contact_count;
+    int going = 1, before;
+    while (going && !bad && *iterations < s->w->def.max_iterations) {
+        before = s->evaluations;
+        going = peri__iterate(s, length, worst);
+        /* no way down from the guess: it was absurd, start from where the bodies were */
+        if (!going && !*iterations && *worst > 1 && peri__restart(s)) {
+            peri__take_trial(s);
+            going = 1;
+        }
+        *iterations += going;
+        if (going) bad = peri__matrices_renew(s, *iterations, s->evaluations - before);
+    }
+    return bad;
+}
+
+/* Contacts that sank deeper than three tenths of their distance become four times as stiff. Returns their number. */
+static int peri__stiffen(peri__solve *s) {
+    int k, found = 0;
+    for (k = s->island.contacts; k < s->island.contacts_end; k++) {
+        peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
+        peri__contact_force(s->w, t);
+        if (!(t->depth > 0.3 * t->distance) || t->grade > 1e4) continue;
+        t->grade *= 4;
+        t->stiffness *= 4;
+        found++;
+    }
+    return found;
+}
+
+/* Solves an island; x holds the first guess and then the answer. */
+static peri_result peri__solve_island(peri_world *w, const peri__island *island) {
+    peri__solve s;
+    peri__body *b;
+    double length = 0, worst = 0, residual;
+    int iterations = 0, rounds;
+    peri_result bad = PERI_OK;
+    peri__solve_begin(&s, w, island);
     if (!peri__start(&s))
         return peri__fail(&w->error, PERI_ERROR_NUMERIC,
                           "the forces of body %d are not finite: check its forces, its law and the time step",
-                          (int)(((char *)b - w->bodies.data) / (ptrdiff_t)w->bodies.element));
-    tolerance = peri__tolerance(&s);
-    peri__refresh_friction(&s);
-    while (going && iterations < w->def.max_iterations) {
-        before = s.evaluations;
-        going = peri__iterate(&s, tolerance, &length);
-        /* no way down from the guess: it was absurd, start from where the body was */
-        if (!going && !iterations && length > tolerance && peri__restart(&s)) {
-            peri__take_trial(&s);
-            going = 1;
-        }
-        iterations += going;
-        if (going && iterations > b->usual + 3) bad = peri__matrix_renew(&s, h, s.evaluations - before);
-        if (bad) return bad;
+                          s.island.first);
+    for (b = peri__first(&s); b; b = peri__next(&s, b)) b->tolerance = peri__tolerance(w, b);
+    peri__refresh_contacts(&s);
+    for (rounds = 0; !bad; rounds++) {
+        bad = peri__descend(&s, &iterations, &length, &worst);
+        if (bad || rounds == 4 || iterations >= w->def.max_iterations || !peri__stiffen(&s)) break;
+        peri_lbfgs_begin(&s.lbfgs, s.n, s.lbfgs.m, s.lbfgs.s);
+        peri__evaluate(&s, s.g, &s.energy);
+        peri__refresh_contacts(&s);
     }
-    if (!b->stale) b->usual = iterations;
-    residual = sqrt(peri_dot(&w->def.parallel, s.n, s.g, s.g) / b->count);
+    if (bad) return bad;
+    for (b = peri__first(&s); b; b = peri__next(&s, b))
+        if (!b->stale) b->usual = iterations;
+    residual = sqrt(peri_dot(&w->def.parallel, s.n, s.g, s.g) / island->count);
     if (iterations > w->stats.iterations) w->stats.iterations = iterations;
     if (s.evaluations > w->stats.evaluations) w->stats.evaluations = s.evaluations;
     if (length > w->stats.correction) w->stats.correction = length;
     if (residual > w->stats.residual) w->stats.residual = residual;
-    if (length <= tolerance) return PERI_OK;
+    if (worst <= 1) return PERI_OK;
     w->stats.converged = 0;
     if (!w->def.cap_is_error) return PERI_OK;
     return peri__fail(&w->error, PERI_ERROR_CONVERGENCE,
-                      "after %d iterations particles still move by %g m (tolerance %g m): raise max_iterations or "
-                      "tolerance, or take a smaller step", iterations, length, tolerance);
+                      "after %d iterations particles still move by %g m, %g times the tolerance: raise max_iterations "
+                      "or tolerance, or take a smaller step", iterations, length, worst);
 }
 
-/* ---- implementation 13: the step --------------------------------------------------------------------------------- */
+/* ---- implementation 15: islands and sleep ------------------------------------------------------------------------
+   Bodies that touch, or may touch in this step, or are attached to each other, are solved together: an island. Solve
+   arrays are in the order of islands (b->at), so that one is a vector. Bodies that have been slow for long fall asleep
+   with all that they touch; a sleeping body is a wall for what comes near, and wakes when it is touched. */
+
+static int peri__root(const peri_world *w, int k) {
+    peri__body *b = peri__body_at(w, k), *up;
+    while (b->parent != k) {
+        up = peri__body_at(w, b->parent);
+        b->parent = up->parent;
+        k = b->parent;
+        b = peri__body_at(w, k);
+    }
+    return k;
+}
+
+static void peri__join(const peri_world *w, int a, int b) {
+    a = peri__root(w, a);
+    b = peri__root(w, b);
+    if (a < b) peri__body_at(w, b)->parent = a;
+    else peri__body_at(w, a)->parent = b;
+}
+
+/* Joins bodies by their contacts (touching: only those that do) and attachments; sleeping ones stay apart. */
+static void peri__join_all(peri_world *w, int touching) {
+    int k;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b) b->parent = k;
+    }
+    for (k = 0; k < w->contact_count; k++) {
+        const peri__contact *t = &w->contacts[k];
+        const peri__body *b = peri__contact_other(w, t);
+        if (b && !b->asleep && (t->touching || !touching)) peri__join(w, t->body, t->target - PERI__TARGET_BODY);
+    }
+    for (k = 0; k < w->attachments.capacity; k++) {
+        const peri__attachment *t = peri__attachment_at(w, k);
+        if (t && t->other >= 0 && !peri__body_at(w, t->body)->asleep) peri__join(w, t->body, t->other);
+    }
+}
+
+/* Chains of joined bodies that are awake, in order of their first one, into islands. Returns their number. */
+static int peri__chains_make(peri_world *w, int touching) {
+    int k, n = 0;
+    peri__join_all(w, touching);
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        peri__island *island;
+        if (!b || b->asleep) continue;
+        b->next = -1;
+        b->island = b->parent == k ? n : peri__body_at(w, peri__root(w, k))->island;
+        island = &w->islands[b->island];
+        if (b->island == n) {
+            memset(island, 0, sizeof *island);
+            island->first = k;
+            island->attachment = -1;
+            n++;
+        } else {
+            peri__body_at(w, island->last)->next = k;
+        }
+        island->last = k;
+        island->count += b->count;
+    }
+    return n;
+}
+
+/* Islands of the step: places of their bodies in the solve arrays, contacts by island in contact_order, attachments
+   chained. */
+static void peri__islands_make(peri_world *w) {
+    int k, at = 0, n = peri__chains_make(w, 0);
+    peri__body *b;
+    w->stats.islands = n;
+    for (k = 0; k < n; k++) {
+        w->islands[k].at = at;
+        for (b = peri__body_at(w, w->islands[k].first); b; b = peri__body_at(w, b->next)) {
+            b->at = at;
+            b->near_contact = 0;
+            at += b->count;
+        }
+    }
+    for (k = 0; k < w->contact_count; k++) {
+        peri__body *other = peri__contact_other(w, &w->contacts[k]);
+        b = peri__body_at(w, w->contacts[k].body);
+        b->near_contact = 1;
+        if (other) other->near_contact = 1;
+        w->islands[b->island].contacts_end++;
+    }
+    for (k = 0, at = 0; k < n; k++) {
+        int count = w->islands[k].contacts_end;
+        w->islands[k].contacts = w->islands[k].contacts_end = at;
+        at += count;
+    }
+    for (k = 0; k < w->contact_count; k++)
+        w->contact_order[w->islands[peri__body_at(w, w->contacts[k].body)->island].contacts_end++] = k;
+    for (k = w->attachments.capacity - 1; k >= 0; k--) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        peri__island *island;
+        if (!t || peri__body_at(w, t->body)->asleep) continue;
+        island = &w->islands[peri__body_at(w, t->body)->island];
+        t->next = island->attachment;
+        island->attachment = k;
+    }
+}
+
+/* Wakes a body and all that sleeps with it. */
+static void peri__wake(peri_world *w, peri__body *b) {
+    int k, group = b->asleep;
+    b->still = 0;
+    b->still_steps = 0;
+    for (k = 0; group && k < w->bodies.capacity; k++) {
+        peri__body *other = peri__body_at(w, k);
+        if (!other || other->asleep != group) continue;
+        other->asleep = 0;
+        other->still = 0;
+        other->still_steps = 0;
+        w->asleep--;
+        w->unsettled = 1;
+    }
+}
+
+/* Sleeping bodies near colliders that move, or were put elsewhere, wake. */
+static void peri__wake_by_colliders(peri_world *w) {
+    int at, k, c;
+    for (at = 0; at < w->colliders.capacity && w->asleep; at++) {
+        peri__collider *solid = (peri__collider *)(void *)peri__slot_at(&w->colliders, at);
+        if (!solid || !peri__collider_moves(solid)) continue;
+        for (k = 0; k < w->bodies.capacity; k++) {
+            peri__body *b = peri__body_at(w, k);
+            double centre[3], size = 0, travel;
+            if (!b || !b->asleep) continue;
+            for (c = 0; c < 3; c++) {
+                centre[c] = (b->lower[c] + b->upper[c]) / 2;
+                size += (b->upper[c] - b->lower[c]) * (b->upper[c] - b->lower[c]) / 4;
+            }
+            travel = peri__collider_travel(solid, centre, sqrt(size)) + sqrt(size) + b->spacing;
+            if (peri__collider_distance(solid, 1, centre, NULL) <= travel) peri__wake(w, b);
+        }
+    }
+    for (k = 0; k < w->attachments.capacity && w->asleep; k++) {
+        const peri__attachment *t = peri__attachment_at(w, k);
+        const peri__collider *solid = t && t->collider >= 0 ? peri__collider_at(w, t->collider) : NULL;
+        if (solid && peri__collider_moves(solid)) peri__wake(w, peri__body_at(w, t->body));
+    }
+}
+
+/* Is every particle slower than the speed that counts as rest? In long steps what counts is the way, as if they took
+   1/30 s. */
+static int peri__body_slow(const peri_world *w, const peri__body *b, double dt) {
+    double most = (double)w->def.sleep_speed * b->spacing;
+    size_t i, end = (size_t)b->first + (size_t)b->count;
+    if (dt > 1 / 30.0) most /= 30 * dt;
+    for (i = (size_t)b->first; i < end; i++) {
+        const peri_real *v = w->v + 3 * i;
+        if (!((double)(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) < most * most)) return 0;
+    }
+    return 1;
+}
+
+/* After a step: who has been slow for long, with all that it touches, falls asleep. */
+static void peri__sleep_check(peri_world *w, double dt) {
+    int k, c;
+    if (!(w->def.sleep_speed > 0)) return;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b || b->asleep) continue;
+        b->tired = 1;
+        if (b->restless || !peri__body_slow(w, b, dt)) {
+            b->still = 0;
+            b->still_steps = 0;
+            continue;
+        }
+        b->still += dt;
+        b->still_steps++;
+    }
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (b && !b->asleep && (b->still_steps < 15 || b->still < (double)w->def.sleep_time))
+            peri__body_at(w, peri__root(w, k))->tired = 0;
+    }
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        size_t i;
+        if (!b || b->asleep || !peri__body_at(w, peri__root(w, k))->tired) continue;
+        b->asleep = peri__root(w, k) + 1;
+        b->steps = 0;
+        w->asleep++;
+        w->unsettled = 1;
+        for (i = (size_t)b->first; i < (size_t)(b->first + b->count); i++)
+            for (c = 0; c < 3; c++) w->v[3 * i + (size_t)c] = w->v0[3 * i + (size_t)c] = 0;
+        peri__body_sweep(w, b);
+        b->grid_made = 0;
+    }
+}
+
+/* ---- implementation 16: the step --------------------------------------------------------------------------------- */
 
 /* Coefficients of the integrator for body b: x* = c1 x - c2 x_before + ..., effective step beta dt. */
 typedef struct peri__scheme {
@@ -3971,203 +5286,234 @@ static void peri__body_commit(peri_world *w, peri__body *b, double dt) {
     b->step_before = dt;
 }
 
-/* Momentum and angular momentum about the centre of mass (given) of a body at positions x with velocities v. */
-static void peri__momenta(const peri_world *w, const peri__body *b, const double *x, const peri_real *v,
-                          const double centre[3], double p[3], double l[3]) {
+/* The rigid part of a group of bodies (chained by `next`, first to begin with) at positions x with velocities v. */
+typedef struct peri__rigid {
+    double mass, centre[3], momentum[3], spin[3];   /* angular momentum about the centre */
+    double inertia[9];                              /* about the centre */
+} peri__rigid;
+
+static void peri__rigid_add(const peri_world *w, const peri__body *b, const double *x, const peri_real *v,
+                            peri__rigid *r) {
     size_t i, end = (size_t)b->first + (size_t)b->count;
-    int c;
-    for (c = 0; c < 3; c++) p[c] = l[c] = 0;
+    int c, d;
     for (i = (size_t)b->first; i < end; i++) {
-        double m = (double)w->mass[i], arm[3], speed[3], turn[3];
+        double m = (double)w->mass[i], arm[3], speed[3], turn[3], square = 0;
         for (c = 0; c < 3; c++) {
-            arm[c] = x[3 * i + (size_t)c] - centre[c];
+            arm[c] = x[3 * i + (size_t)c] - r->centre[c];
             speed[c] = (double)v[3 * i + (size_t)c];
+            square += arm[c] * arm[c];
         }
         peri__cross(arm, speed, turn);
         for (c = 0; c < 3; c++) {
-            p[c] += m * speed[c];
-            l[c] += m * turn[c];
+            r->momentum[c] += m * speed[c];
+            r->spin[c] += m * turn[c];
+            for (d = 0; d < 3; d++) r->inertia[3 * c + d] += m * ((c == d ? square : 0) - arm[c] * arm[d]);
         }
     }
 }
 
-static void peri__centre(const peri_world *w, const peri__body *b, const double *x, double centre[3]) {
-    size_t i, end = (size_t)b->first + (size_t)b->count;
+static void peri__rigid_make(const peri_world *w, int first, const double *x, const peri_real *v, peri__rigid *r) {
+    const peri__body *b;
+    size_t i;
     int c;
-    for (c = 0; c < 3; c++) centre[c] = 0;
-    for (i = (size_t)b->first; i < end; i++)
-        for (c = 0; c < 3; c++) centre[c] += (double)w->mass[i] * x[3 * i + (size_t)c];
-    for (c = 0; c < 3; c++) centre[c] /= b->mass;
-}
-
-/* Inertia tensor about centre (Voigt, of the positions x). */
-static void peri__inertia(const peri_world *w, const peri__body *b, const double *x, const double centre[3],
-                          double t[9]) {
-    size_t i, end = (size_t)b->first + (size_t)b->count;
-    int c, d;
-    for (c = 0; c < 9; c++) t[c] = 0;
-    for (i = (size_t)b->first; i < end; i++) {
-        double m = (double)w->mass[i], a[3], square = 0;
-        for (c = 0; c < 3; c++) {
-            a[c] = x[3 * i + (size_t)c] - centre[c];
-            square += a[c] * a[c];
-        }
-        for (c = 0; c < 3; c++)
-            for (d = 0; d < 3; d++) t[3 * c + d] += m * ((c == d ? square : 0) - a[c] * a[d]);
+    memset(r, 0, sizeof *r);
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next)) {
+        r->mass += b->mass;
+        for (i = (size_t)b->first; i < (size_t)b->first + (size_t)b->count; i++)
+            for (c = 0; c < 3; c++) r->centre[c] += (double)w->mass[i] * x[3 * i + (size_t)c];
     }
+    for (c = 0; c < 3; c++) r->centre[c] /= r->mass;
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next)) peri__rigid_add(w, b, x, v, r);
 }
 
-/* What a free body's momenta must be after the step: those before it plus the impulses of the outer forces. */
-static void peri__momenta_due(const peri_world *w, const peri__body *b, double dt, double p[3], double l[3]) {
-    double centre[3], gravity[3], at[3];
-    size_t i, end = (size_t)b->first + (size_t)b->count;
+/* What the momenta of a free group must be after the step: those before it plus the impulses of the outer forces. */
+static void peri__momenta_due(const peri_world *w, int first, double dt, double p[3], double l[3]) {
+    peri__rigid before, after;
+    const peri__body *b;
+    double gravity[3];
+    size_t i;
     int c;
-    peri__centre(w, b, w->x0, centre);
-    peri__momenta(w, b, w->x0, w->v, centre, p, l);
+    peri__rigid_make(w, first, w->x0, w->v, &before);
     peri__vec(w->def.gravity, gravity);
-    for (c = 0; c < 3; c++) p[c] += dt * b->mass * gravity[c];
-    if (!(w->wants & PERI__WANT_FORCE)) return;
-    peri__centre(w, b, w->x, centre);
-    for (i = (size_t)b->first; i < end; i++) {
-        double force[3], arm[3], turn[3];
-        for (c = 0; c < 3; c++) {
-            at[c] = w->x[3 * i + (size_t)c];
-            arm[c] = at[c] - centre[c];
-            force[c] = (double)w->force[3 * i + (size_t)c];
-            p[c] += dt * force[c];
-        }
-        peri__cross(arm, force, turn);
-        for (c = 0; c < 3; c++) l[c] += dt * turn[c];
+    for (c = 0; c < 3; c++) {
+        p[c] = before.momentum[c] + dt * before.mass * gravity[c];
+        l[c] = before.spin[c];
     }
+    if (!(w->wants & PERI__WANT_FORCE)) return;
+    peri__rigid_make(w, first, w->x, w->v, &after);
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next))
+        for (i = (size_t)b->first; i < (size_t)b->first + (size_t)b->count; i++) {
+            double force[3], arm[3], turn[3];
+            for (c = 0; c < 3; c++) {
+                arm[c] = w->x[3 * i + (size_t)c] - after.centre[c];
+                force[c] = (double)w->force[3 * i + (size_t)c];
+                p[c] += dt * force[c];
+            }
+            peri__cross(arm, force, turn);
+            for (c = 0; c < 3; c++) l[c] += dt * turn[c];
+        }
 }
 
 /* Backward Euler loses rotation at a rate of dt (spin)^2, and an iteration that stops at a tolerance leaves a little of
-   everything. A body that touches nothing is given the rigid velocity that sets both momenta right. */
-static void peri__keep_momenta(peri_world *w, peri__body *b, const double p_due[3], const double l_due[3]) {
-    double centre[3], p[3], l[3], inertia[9], inverse[9], spin[3], lost[3], det, scale = 0;
-    size_t i, end = (size_t)b->first + (size_t)b->count;
+   everything. A group of bodies that touches nothing else is given the rigid velocity that sets both momenta right. */
+static void peri__keep_momenta(peri_world *w, int first, const double p_due[3], const double l_due[3]) {
+    peri__rigid r;
+    const peri__body *b;
+    double inverse[9], spin[3] = {0, 0, 0}, lost[3], det, scale = 0;
+    size_t i;
     int c;
-    peri__centre(w, b, w->x, centre);
-    peri__momenta(w, b, w->x, w->v, centre, p, l);
-    peri__inertia(w, b, w->x, centre, inertia);
-    det = peri_det3(inertia);
-    for (c = 0; c < 9; c += 4) scale += inertia[c] / 3;
-    for (c = 0; c < 3; c++) {
-        lost[c] = l_due[c] - l[c];
-        spin[c] = 0;
-    }
+    peri__rigid_make(w, first, w->x, w->v, &r);
+    det = peri_det3(r.inertia);
+    for (c = 0; c < 9; c += 4) scale += r.inertia[c] / 3;
+    for (c = 0; c < 3; c++) lost[c] = l_due[c] - r.spin[c];
     if (det > 1e-9 * scale * scale * scale) {       /* a rod along an axis has none about it: leave that alone */
-        peri_adjugate3(inertia, inverse);
+        peri_adjugate3(r.inertia, inverse);
         peri__apply(inverse, lost, spin);
         for (c = 0; c < 3; c++) spin[c] /= det;
     }
-    for (i = (size_t)b->first; i < end; i++) {
-        double arm[3], turn[3];
-        for (c = 0; c < 3; c++) arm[c] = w->x[3 * i + (size_t)c] - centre[c];
-        peri__cross(spin, arm, turn);
-        for (c = 0; c < 3; c++) {
-            size_t k = 3 * i + (size_t)c;
-            w->v[k] = (peri_real)((double)w->v[k] + turn[c] + (p_due[c] - p[c]) / b->mass);
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next))
+        for (i = (size_t)b->first; i < (size_t)b->first + (size_t)b->count; i++) {
+            double arm[3], turn[3];
+            for (c = 0; c < 3; c++) arm[c] = w->x[3 * i + (size_t)c] - r.centre[c];
+            peri__cross(spin, arm, turn);
+            for (c = 0; c < 3; c++) {
+                size_t k = 3 * i + (size_t)c;
+                w->v[k] = (peri_real)((double)w->v[k] + turn[c] + (p_due[c] - r.momentum[c]) / r.mass);
+            }
         }
-    }
 }
 
-/* begin: check, predict, what is needed to go back is in x0. */
+/* Moves the awake bodies to their first guess and looks at their shape. */
+static peri_result peri__bodies_begin(peri_world *w, double dt) {
+    peri_result bad = PERI_OK;
+    int k;
+    for (k = 0; k < w->bodies.capacity && !bad; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b || b->asleep) continue;
+        b->h = peri__scheme_of(w, b, dt).beta * dt;
+        b->grid_made = 0;
+        peri__predict(w, b, dt);
+        peri__body_sweep(w, b);
+        bad = peri__health_check(w, b);
+    }
+    return bad;
+}
+
+/* begin: predict, find contacts (which may wake bodies: then once more), islands, matrices. What is needed to go back is
+   in x0. */
 static peri_result peri__step_begin(peri_world *w, double dt) {
     peri_result bad = PERI_OK;
-    peri__contact *swap = w->contacts;
-    double h;
-    int k, size = w->contact_capacity, before = 0, contacts;
-    w->contacts = w->contacts_before;
-    w->contact_capacity = w->contact_before_capacity;
-    w->contacts_before = swap;
-    w->contact_before_capacity = size;
-    w->contact_before_count = w->contact_count;
-    w->contact_count = 0;
+    int k;
     for (k = 0; k < w->colliders.capacity; k++) {
-        peri__collider *c = (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
+        peri__collider *c = peri__collider_at(w, k);
         if (c) peri__collider_advance(c, dt);
     }
-    for (k = 0; k < w->bodies.capacity && !bad; k++) {
-        peri__body *b = peri__body_at(w, k);
-        if (!b) continue;
-        peri__predict(w, b, dt);
-        bad = peri__health_check(w, b);
-        h = peri__scheme_of(w, b, dt).beta * dt;
-        contacts = w->contact_count;
-        if (!bad && w->colliders.count) bad = peri__contacts_find(w, k, h, &before);
-        if (!bad) peri__contacts_retreat(w, k, contacts);
-        if (!bad) bad = peri__matrix_prepare(w, b, contacts, h);
-    }
+    if (w->asleep) peri__wake_by_colliders(w);
+    w->contact_count = 0;
+    w->stats.islands = 0;
+    if (w->asleep == w->bodies.count) return PERI_OK;
+    do {
+        w->woken = 0;
+        bad = peri__bodies_begin(w, dt);
+        if (!bad) bad = peri__contacts_find(w);
+    } while (!bad && w->woken);
+    if (!bad) bad = peri__contacts_reserve(w, w->contact_count + w->hold_count);
+    if (bad) return bad;
+    peri__contacts_retreat(w);
+    peri__attachments_begin(w);
+    peri__islands_make(w);
+    for (k = 0; k < w->stats.islands && !bad; k++) bad = peri__matrices_prepare(w, &w->islands[k]);
     return bad;
 }
 
-/* solve: the elastic energies and the contacts to the tolerance, body by body. */
-static peri_result peri__step_solve(peri_world *w, double dt) {
-    int k, contact = 0, end, all = w->contact_count;
+/* solve: the elastic energies, contacts and attachments to the tolerance, island by island. */
+static peri_result peri__step_solve(peri_world *w) {
+    int k;
     peri_result bad = PERI_OK;
-    for (k = 0; k < w->bodies.capacity && !bad; k++) {
-        peri__body *b = peri__body_at(w, k);
-        if (!b) continue;
-        for (end = contact; end < all && w->contacts[end].body == k; end++) {}
-        w->contact_count = end;
-        bad = peri__solve_body(w, b, contact, peri__scheme_of(w, b, dt).beta * dt);
-        contact = end;
-    }
-    w->contact_count = all;
+    for (k = 0; k < w->stats.islands && !bad; k++) bad = peri__solve_island(w, &w->islands[k]);
     return bad;
 }
 
-/* commit: velocities, contacts, colliders. */
-static void peri__step_commit(peri_world *w, double dt) {
-    int k, c;
-    for (k = 0; k < w->colliders.capacity; k++) {
-        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
-        for (c = 0; c < 3 && collider; c++) collider->linear[c] = collider->angular[c] = 0;
-    }
-    for (k = 0; k < w->bodies.capacity; k++) {
-        peri__body *b = peri__body_at(w, k);
-        if (b) b->touching = 0;
-    }
-    peri__contacts_commit(w, dt);
-    for (k = 0; k < w->bodies.capacity; k++) {
-        peri__body *b = peri__body_at(w, k);
-        double p[3], l[3];
-        size_t at, n;
-        int keep;
-        if (!b) continue;
-        keep = w->def.keep_momentum && !b->fixed && !b->touching;
-        if (keep) peri__momenta_due(w, b, dt, p, l);
-        peri__body_commit(w, b, dt);
-        if (keep) peri__keep_momenta(w, b, p, l);
-        at = 3 * (size_t)b->first;
-        n = 3 * (size_t)b->count * sizeof *w->x;
+/* New velocities of a group of bodies that touch each other (first, and chained by `next`). */
+static void peri__group_commit(peri_world *w, int first, double dt) {
+    int keep = w->def.keep_momentum;
+    double p[3], l[3];
+    peri__body *b;
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next)) keep &= !b->fixed && !b->held;
+    if (keep) peri__momenta_due(w, first, dt, p, l);
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next)) peri__body_commit(w, b, dt);
+    if (keep) peri__keep_momenta(w, first, p, l);
+    for (b = peri__body_at(w, first); b; b = peri__body_at(w, b->next)) {
+        size_t at = 3 * (size_t)b->first, n = 3 * (size_t)b->count * sizeof *w->x;
         if (w->def.integrator == PERI_BDF2) memcpy(w->back + at, w->x0 + at, n);
         memcpy(w->x0 + at, w->x + at, n);
         w->stats.unhealthy += b->unhealthy;
     }
+}
+
+/* What sleeping bodies do to colliders: the forces of the last step that they were awake. */
+static void peri__colliders_settle(peri_world *w) {
+    int k, c;
     for (k = 0; k < w->colliders.capacity; k++) {
-        peri__collider *collider = (peri__collider *)(void *)peri__slot_at(&w->colliders, k);
-        if (!collider) continue;
-        memcpy(collider->position, collider->position1, sizeof collider->position);
-        memcpy(collider->rotation, collider->rotation1, sizeof collider->rotation);
-        collider->quat = collider->quat1;
+        peri__collider *solid = peri__collider_at(w, k);
+        for (c = 0; c < 3 && solid; c++) solid->weight[c] = solid->lean[c] = 0;
+    }
+    for (k = 0; k < w->hold_count; k++) {
+        const peri__hold *hold = &w->holds[k];
+        const peri__body *b = peri__body_at(w, hold->body);
+        if (b->asleep && hold->target < PERI__TARGET_BODY)
+            peri__collider_load(peri__collider_at(w, hold->target),
+                                w->x0 + 3 * (size_t)(b->first + hold->particle), hold->force);
+    }
+    for (k = 0; k < w->attachments.capacity; k++) {
+        const peri__attachment *t = peri__attachment_at(w, k);
+        double end[3];
+        if (!t || t->collider < 0 || !peri__body_at(w, t->body)->asleep) continue;
+        peri__attachment_end(w, t, 0, end);
+        peri__collider_load(peri__collider_at(w, t->collider), end, t->committed);
+    }
+    w->unsettled = 0;
+}
+
+/* commit: contacts, velocities, sleep, colliders. */
+static void peri__step_commit(peri_world *w, double dt) {
+    int k, c, groups;
+    if (w->unsettled) peri__colliders_settle(w);
+    for (k = 0; k < w->colliders.capacity; k++) {
+        peri__collider *solid = peri__collider_at(w, k);
+        for (c = 0; c < 3 && solid; c++) {
+            solid->linear[c] = dt * solid->weight[c];
+            solid->angular[c] = dt * solid->lean[c];
+        }
+    }
+    if (w->asleep < w->bodies.count) {
+        for (k = 0; k < w->bodies.capacity; k++) {
+            peri__body *b = peri__body_at(w, k);
+            if (b) b->touching = b->held = b->restless = 0;
+        }
+        peri__contacts_commit(w, dt);
+        peri__attachments_commit(w, dt);
+        groups = peri__chains_make(w, 1);
+        for (k = 0; k < groups; k++) peri__group_commit(w, w->islands[k].first, dt);
+        peri__sleep_check(w, dt);
+    }
+    for (k = 0; k < w->colliders.capacity; k++) {
+        peri__collider *solid = peri__collider_at(w, k);
+        if (!solid) continue;
+        memcpy(solid->position, solid->position1, sizeof solid->position);
+        memcpy(solid->rotation, solid->rotation1, sizeof solid->rotation);
+        solid->quat = solid->quat1;
+        solid->moved = 0;
     }
 }
 
 static void peri__step_undo(peri_world *w) {
-    peri__contact *swap = w->contacts;
-    int size = w->contact_capacity;
     if (w->particles) memcpy(w->x, w->x0, 3 * (size_t)w->particles * sizeof *w->x);
-    w->contacts = w->contacts_before;
-    w->contact_capacity = w->contact_before_capacity;
-    w->contacts_before = swap;
-    w->contact_before_capacity = size;
-    w->contact_count = w->contact_before_count;
+    w->contact_count = 0;
     w->stats.undone++;
 }
 
-/* The way through a step: begin, solve, commit. Elastic bodies keep their families and do not flow, and colliders act
+/* The way through a step: begin, solve, commit. Elastic bodies keep their families and do not flow, and contacts act
    within the solve: those phases of the profile are zero. */
 peri_result peri_world_step(peri_world *w, peri_real dt) {
     double start, mark;
@@ -4183,7 +5529,7 @@ peri_result peri_world_step(peri_world *w, peri_real dt) {
     bad = peri__step_begin(w, (double)dt);
     w->stats.profile.begin = 1e3 * (peri__clock(w) - mark);
     mark = peri__clock(w);
-    if (!bad) bad = peri__step_solve(w, (double)dt);
+    if (!bad) bad = peri__step_solve(w);
     w->stats.profile.solve = 1e3 * (peri__clock(w) - mark);
     w->stats.profile.search = w->stats.profile.solve - w->stats.profile.local - w->stats.profile.global;
     mark = peri__clock(w);
@@ -4221,12 +5567,52 @@ uint64_t peri_world_hash(const peri_world *w) {
         hash = peri__hash_bytes(hash, c->position, sizeof c->position);
         hash = peri__hash_bytes(hash, &c->quat, sizeof c->quat);
     }
-    for (k = 0; k < w->contact_count; k++)
-        hash = peri__hash_bytes(hash, w->contacts[k].anchor, sizeof w->contacts[k].anchor);
+    for (k = 0; k < w->hold_count; k++)
+        hash = peri__hash_bytes(hash, w->holds[k].anchor, sizeof w->holds[k].anchor);
+    for (k = 0; k < w->bodies.capacity; k++) {
+        const peri__body *b = peri__body_at(w, k);
+        if (b) hash = peri__hash_bytes(hash, &b->still, sizeof b->still);
+    }
+    for (k = 0; k < w->attachments.capacity; k++) {
+        const peri__attachment *t = peri__attachment_at(w, k);
+        if (t) hash = peri__hash_bytes(hash, t->point, sizeof t->point);
+    }
     return hash;
 }
 
-/* ---- implementation 14: looking ---------------------------------------------------------------------------------- */
+peri_result peri_world_contacts(const peri_world *w, peri_contact *out, int capacity, int *count) {
+    int k;
+    if (!w || !count || (out && capacity < 0)) return PERI_ERROR_ARGUMENT;
+    *count = w->hold_count;
+    for (k = 0; out && k < w->hold_count && k < capacity; k++) {
+        const peri__hold *hold = &w->holds[k];
+        peri_contact *c = &out[k];
+        const peri__body *a = peri__body_at(w, hold->body);
+        double normal[3];
+        memset(c, 0, sizeof *c);
+        c->body.index1 = (uint32_t)hold->body + 1;
+        c->body.generation = a->slot.generation;
+        c->particle = hold->particle;
+        c->nearest = hold->nearest;
+        memcpy(normal, hold->normal, sizeof normal);
+        if (hold->target >= PERI__TARGET_BODY) {
+            c->other.index1 = (uint32_t)(hold->target - PERI__TARGET_BODY) + 1;
+            c->other.generation = peri__body_at(w, hold->target - PERI__TARGET_BODY)->slot.generation;
+        } else {
+            const peri__collider *solid = peri__collider_at(w, hold->target);
+            c->collider.index1 = (uint32_t)hold->target + 1;
+            c->collider.generation = solid->slot.generation;
+            peri__apply(solid->rotation, hold->normal, normal);
+        }
+        c->point = peri__to_vec(w->x0 + 3 * (size_t)(a->first + hold->particle));
+        c->normal = peri__to_vec(normal);
+        c->force = peri__to_vec(hold->force);
+        c->overlap = (peri_real)hold->overlap;
+    }
+    return PERI_OK;
+}
+
+/* ---- implementation 17: looking ---------------------------------------------------------------------------------- */
 
 static void peri__measure_body(peri_world *w, peri__body *b, peri_measure *out) {
     size_t i, end = (size_t)b->first + (size_t)b->count;
@@ -4423,7 +5809,10 @@ peri_stats peri_world_stats(const peri_world *w) {
     s.bonds = w->bonds;
     s.colliders = w->colliders.count;
     s.skins = w->skins.count;
-    s.contacts = w->contact_count;
+    s.attachments = w->attachments.count;
+    s.contacts = w->hold_count;
+    s.asleep = w->asleep;
+    s.overlap = w->overlap;
     for (k = 0; k < w->bodies.capacity; k++) {
         const peri__body *b = peri__body_at(w, k);
         if (b) s.singular += b->singular;
@@ -4473,7 +5862,7 @@ peri_result peri_world_draw(peri_world *w, const peri_draw *draw) {
 }
 #endif
 
-/* ---- implementation 15: skins of the world ----------------------------------------------------------------------- */
+/* ---- implementation 18: skins of the world ----------------------------------------------------------------------- */
 #ifndef PERI_NO_SKINNING
 
 static void peri__skin_drop(peri_world *w, peri__skin *s) {
