@@ -5355,7 +5355,8 @@ static void peri__momenta_due(const peri_world *w, int first, double dt, double 
 }
 
 /* Backward Euler loses rotation at a rate of dt (spin)^2, and an iteration that stops at a tolerance leaves a little of
-   everything. A group of bodies that touches nothing else is given the rigid velocity that sets both momenta right. */
+   everything. A group of bodies that touches nothing else is given the rigid velocity that sets both momenta right, and
+   goes where its momentum takes it. */
 static void peri__keep_momenta(peri_world *w, int first, const double p_due[3], const double l_due[3]) {
     peri__rigid r;
     const peri__body *b;
@@ -5378,7 +5379,10 @@ static void peri__keep_momenta(peri_world *w, int first, const double p_due[3], 
             peri__cross(spin, arm, turn);
             for (c = 0; c < 3; c++) {
                 size_t k = 3 * i + (size_t)c;
-                w->v[k] = (peri_real)((double)w->v[k] + turn[c] + (p_due[c] - r.momentum[c]) / r.mass);
+                double lacks = (p_due[c] - r.momentum[c]) / r.mass;
+                w->v[k] = (peri_real)((double)w->v[k] + turn[c] + lacks);
+                w->x[k] += b->h * lacks;
+                w->out[k] = (peri_real)w->x[k];
             }
         }
 }
