@@ -549,6 +549,7 @@ typedef struct peri_stats {
     int singular;               /* particles whose bonds cannot hold a tensor: they use the stretch model */
     int unhealthy;              /* particles being pulled back to shape in the last step */
     int factors;                /* matrices factorised since creation */
+    int factors_held;           /* factors that exist now: copies of one body share theirs while nothing touches them */
     int undone;                 /* steps that failed and were undone */
     size_t bytes, bytes_peak;   /* held now, and at most */
     size_t allocations;         /* calls of the memory hook that asked for bytes, since creation */
@@ -656,11 +657,20 @@ typedef struct peri__body {
     int still_steps, tired;
     double still;               /* s that it has been slow */
 #ifndef PERI_NO_CHOLESKY
-    peri_cholesky *factor;
+    struct peri__factor *factor;    /* may be shared */
 #endif
     peri_solver solver;         /* what AUTO became */
     double chebyshev_low;
 } peri__body;
+
+#ifndef PERI_NO_CHOLESKY
+/* A factor of all bodies whose matrices have the same bits: copies of one body share it. */
+typedef struct peri__factor {
+    peri_cholesky *l;
+    uint64_t hash;              /* of the matrix */
+    int users;
+} peri__factor;
+#endif
 
 typedef struct peri__collider {
     peri__slot slot;
@@ -2438,11 +2448,22 @@ static void peri__drop(peri_world *w, void *ptr, size_t bytes) {
 
 static void peri__grid_free(peri_world *w, peri__grid *g);
 
+#ifndef PERI_NO_CHOLESKY
+/* A body gives up its factor; the last one frees it. */
+static void peri__factor_leave(peri_world *w, peri__body *b) {
+    peri__factor *f = b->factor;
+    b->factor = NULL;
+    if (!f || --f->users > 0) return;
+    if (f->l) w->stats.factor_bytes -= peri_cholesky_bytes(f->l);
+    peri_cholesky_destroy(f->l);
+    peri__spare_resize(f, sizeof *f, 0, w);
+    w->stats.factors_held--;
+}
+#endif
+
 static void peri__body_drop(peri_world *w, peri__body *body) {
 #ifndef PERI_NO_CHOLESKY
-    if (body->factor) w->stats.factor_bytes -= peri_cholesky_bytes(body->factor);
-    peri_cholesky_destroy(body->factor);
-    body->factor = NULL;
+    peri__factor_leave(w, body);
 #endif
     peri__grid_free(w, &body->grid);
     peri__drop(w, body->block, body->block_bytes);
@@ -2643,11 +2664,13 @@ typedef struct peri__making {
 
 static void peri__bond_make(peri__body *b, const peri__making *make, int i, int k) {
     const double *xi = make->x + 3 * (size_t)i, *xj = make->x + 3 * (size_t)b->col[k];
+    const peri_real *pi = make->def->points + 3 * (size_t)i, *pj = make->def->points + 3 * (size_t)b->col[k];
     double r2 = 0, w;
     int c, a;
     for (c = 0; c < 3; c++) {
+        double d = (double)pj[c] - (double)pi[c];
         b->xi[c][k] = (peri_real)(xj[c] - xi[c]);
-        r2 += (double)b->xi[c][k] * (double)b->xi[c][k];
+        r2 += d * d;        /* of the points as given: copies that are turned have the same matrix */
     }
     b->inv_r2[k] = (peri_real)(1 / r2);
     w = peri__kernel(make->def, sqrt(r2) / b->spacing, b->horizon);
@@ -4553,21 +4576,85 @@ static peri_matrix peri__matrix(const peri__body *b) {
 #define PERI__CHOLESKY_MOST 60000   /* particles up to which AUTO factorises: beyond, L is too large to be worth it */
 
 #ifndef PERI_NO_CHOLESKY
+static uint64_t peri__hash_words(uint64_t hash, const void *data, size_t bytes) {
+    const char *p = (const char *)data;
+    uint32_t word;
+    for (; bytes >= sizeof word; bytes -= sizeof word, p += sizeof word) {
+        memcpy(&word, p, sizeof word);
+        hash = (hash ^ word) * 0x9e3779b97f4a7c15u;
+        hash ^= hash >> 29;
+    }
+    return hash;
+}
+
+static uint64_t peri__matrix_hash(const peri__body *b) {
+    size_t bonds = (size_t)b->row[b->count];
+    uint64_t hash = peri__hash_words((uint64_t)(uint32_t)b->count, b->col, bonds * sizeof *b->col);
+    hash = peri__hash_words(hash, b->value, bonds * sizeof *b->value);
+    return peri__hash_words(hash, b->diagonal, (size_t)b->count * sizeof *b->diagonal);
+}
+
+static int peri__matrix_equal(const peri__body *a, const peri__body *b) {
+    size_t n = (size_t)a->count, bonds = (size_t)a->row[a->count];
+    return a->count == b->count && a->row[a->count] == b->row[b->count] &&
+           !memcmp(a->row, b->row, (n + 1) * sizeof *a->row) && !memcmp(a->col, b->col, bonds * sizeof *a->col) &&
+           !memcmp(a->value, b->value, bonds * sizeof *a->value) &&
+           !memcmp(a->diagonal, b->diagonal, n * sizeof *a->diagonal);
+}
+
+/* Joins the factor of another body whose matrix has the same bits; returns 0 when there is none. */
+static int peri__factor_join(peri_world *w, peri__body *b, uint64_t hash) {
+    int k;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *other = peri__body_at(w, k);
+        if (!other || other == b || !other->factor || other->factor->hash != hash || !(other->matrix_h > 0) ||
+            other->factor == b->factor || !peri__matrix_equal(other, b))
+            continue;
+        peri__factor_leave(w, b);
+        b->factor = other->factor;
+        b->factor->users++;
+        return 1;
+    }
+    return 0;
+}
+
+/* A factor of its own for a body that has none, or shares one. */
+static peri_result peri__factor_own(peri_world *w, peri__body *b, const peri_matrix *a, peri_error *err) {
+    peri_allocator memory = peri__spare(w);
+    peri__factor *f;
+    peri_result bad;
+    if (b->factor && b->factor->users == 1) return PERI_OK;
+    f = (peri__factor *)peri__spare_resize(NULL, 0, sizeof *f, w);
+    if (!f) return peri__fail(err, PERI_ERROR_MEMORY, "%zu bytes for a factor were refused", sizeof *f);
+    memset(f, 0, sizeof *f);
+    bad = peri_cholesky_create(a, b->points, &memory, &f->l, err);
+    if (bad) {
+        peri__spare_resize(f, sizeof *f, 0, w);
+        return bad;
+    }
+    w->stats.factor_bytes += peri_cholesky_bytes(f->l);
+    w->stats.factors_held++;
+    peri__factor_leave(w, b);
+    f->users = 1;
+    b->factor = f;
+    return PERI_OK;
+}
+
 /* Factorises; where that is impossible AUTO falls back on Chebyshev. */
 static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
     peri_matrix a = peri__matrix(b);
-    peri_allocator memory = peri__spare(w);
+    uint64_t hash = peri__matrix_hash(b);
     peri_error err;
     peri_result bad = PERI_OK;
-    if (!b->factor) {
-        bad = peri_cholesky_create(&a, b->points, &memory, &b->factor, &err);
-        if (!bad) w->stats.factor_bytes += peri_cholesky_bytes(b->factor);
-    }
-    if (!bad) bad = peri_cholesky_factor(b->factor, &a, &err);
+    if (peri__factor_join(w, b, hash)) return PERI_OK;
+    bad = peri__factor_own(w, b, &a, &err);
+    if (!bad) bad = peri_cholesky_factor(b->factor->l, &a, &err);
     if (!bad) {
+        b->factor->hash = hash;
         w->stats.factors++;
         return PERI_OK;
     }
+    if (b->factor && b->factor->users == 1) b->factor->hash = 0;
     if (w->def.solver == PERI_SOLVER_AUTO && (bad == PERI_ERROR_MEMORY || bad == PERI_ERROR_LIMIT)) {
         b->solver = PERI_SOLVER_CHEBYSHEV;
         if (w->def.log) w->def.log("no room for a Cholesky factor: Chebyshev is used instead", w->def.user);
@@ -4591,7 +4678,7 @@ static void peri__solver_choose(const peri_world *w, peri__body *b) {
 /* Operations of a factorisation, and of an iteration, counted: the choice must not depend on a clock. */
 static double peri__factor_cost(const peri__body *b) {
 #ifndef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return peri_cholesky_operations(b->factor);
+    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return peri_cholesky_operations(b->factor->l);
 #endif
     return 10.0 * b->row[b->count];
 }
@@ -4599,7 +4686,7 @@ static double peri__factor_cost(const peri__body *b) {
 static double peri__iteration_cost(const peri__body *b) {
     double bonds = 150.0 * b->row[b->count];
 #ifndef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return bonds + 12.0 * (double)peri_cholesky_entries(b->factor);
+    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return bonds + 12.0 * (double)peri_cholesky_entries(b->factor->l);
 #endif
     return bonds;
 }
@@ -4658,7 +4745,7 @@ static void peri__global_body(peri_world *w, const peri__body *b, const peri_rea
     case PERI_SOLVER_CHOLESKY:
 #ifndef PERI_NO_CHOLESKY
         memcpy(p, g, n * sizeof *p);
-        peri_cholesky_solve(b->factor, 3, p, work);
+        peri_cholesky_solve(b->factor->l, 3, p, work);
 #endif
         break;
     }
