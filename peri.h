@@ -130,7 +130,7 @@ typedef struct peri_world_def {
     int keep_momentum;          /* 1: bodies that touch nothing keep linear and angular momentum to rounding, where
                                    backward Euler alone damps rotation; 0: the bare integrator */
     peri_real sleep_speed;      /* bodies whose particles all move slower (spacings a second) for sleep_time fall
-                                   asleep with all that they touch, and cost nothing until they are touched; 0.1.
+                                   asleep with all that they touch, and cost nothing until they are touched; 0.2.
                                    0: none sleeps */
     peri_real sleep_time;       /* s, and at least 15 steps; 0.5 */
     int max_particles;          /* limits; growth beyond them is refused. 2^24 */
@@ -2200,7 +2200,7 @@ peri_world_def peri_default_world_def(void) {
     d.max_materials = d.max_colliders = d.max_skins = 1024;
     d.max_attachments = 65535;
     d.max_contacts = 1 << 24;
-    d.sleep_speed = PERI__R(0.1);
+    d.sleep_speed = PERI__R(0.2);
     d.sleep_time = PERI__R(0.5);
     d.parallel.threads = 1;
     return d;
@@ -3479,7 +3479,8 @@ static peri__attachment *peri__attachment_at(const peri_world *w, int k) {
    push. Both act inside the solve, so contact and elasticity agree at the end of the step.
    The solid is a collider, by its signed distance, or another body: then the surface is where the particles around are,
    their weighted mean (the foot), with weights that reproduce flat lattices, so that what slides feels no bumps. The
-   push acts between the particle and its foot, along the line that joins them: both momenta are kept. A contact knows
+   push acts between the particle and its foot, along the line that joined them when the foot was last found: linear
+   momentum is kept, angular momentum to the tolerance of the solve. A contact knows
    on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through. */
 
 #define PERI__CELLS 4       /* cells of a body's grid per particle of its surface */
@@ -3575,7 +3576,7 @@ static void peri__contact_turn(peri__contact *t, const double away[3]) {
 static double peri__contact_distance(const peri_world *w, const peri__contact *t, const double *xs, double normal[3]) {
     const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
     const double *x = xs + 3 * (size_t)(a->first + t->particle);
-    double away[3], length, along;
+    double away[3];
     int k, c;
     if (!b) {
         const peri__collider *solid = peri__contact_collider(w, t);
@@ -3591,20 +3592,15 @@ static double peri__contact_distance(const peri_world *w, const peri__contact *t
         for (k = 0; k < t->count; k++)
             away[c] -= t->share[k] * xs[3 * (size_t)(b->first + t->patch[k]) + (size_t)c];
     }
-    length = sqrt(peri__dot3(away, away));
-    along = peri__dot3(away, t->normal);
-    if (along > 0.3 * length) {
-        for (c = 0; c < 3; c++) normal[c] = away[c] / length;
-        return length;
-    }
     memcpy(normal, t->normal, sizeof away);
-    return along;
+    return peri__dot3(away, normal);    /* of a plane that turns with the foot: straight, so that energies are convex */
 }
 
 /* How far the particle has gone along the surface from where friction holds it, with the largest part of that which
-   holds: what is beyond slips. */
-static void peri__contact_slip(const peri_world *w, const peri__contact *t, const double normal[3], double tangent[3],
-                               double *length, double *limit) {
+   holds: what is beyond slips. Along the surface means across the contact's normal, which a line search does not turn:
+   so that this force is the slope of its energy, also when the particle comes in fast. */
+static void peri__contact_slip(const peri_world *w, const peri__contact *t, double tangent[3], double *length,
+                               double *limit) {
     const peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
     size_t at = 3 * (size_t)(a->first + t->particle);
     double along;
@@ -3622,8 +3618,8 @@ static void peri__contact_slip(const peri_world *w, const peri__contact *t, cons
             }
         }
     }
-    along = peri__dot3(tangent, normal);
-    for (c = 0; c < 3; c++) tangent[c] -= along * normal[c];
+    along = peri__dot3(tangent, t->normal);
+    for (c = 0; c < 3; c++) tangent[c] -= along * t->normal[c];
     *length = sqrt(peri__dot3(tangent, tangent));
     *limit = t->friction * t->held / t->stiffness;
 }
@@ -3637,8 +3633,8 @@ static void peri__contact_force(const peri_world *w, peri__contact *t) {
     t->pressure = t->touching ? t->stiffness * t->depth : 0;
     for (c = 0; c < 3; c++) t->force[c] = t->pressure * normal[c];
     t->energy = t->touching ? t->pressure * t->depth / 2 : 0;
-    if (!t->touching || !(t->friction > 0)) return;
-    peri__contact_slip(w, t, normal, tangent, &length, &limit);
+    if (!(t->held > 0) || !(t->friction > 0)) return;       /* also while a trial lifts it: energies must not leap */
+    peri__contact_slip(w, t, tangent, &length, &limit);
     hold = length > limit ? limit / length : 1;
     for (c = 0; c < 3; c++) t->force[c] -= t->stiffness * hold * tangent[c];
     t->energy += t->stiffness * length * length * hold * (1 - hold / 2);
@@ -3658,12 +3654,12 @@ static void peri__contact_scatter(const peri_world *w, const peri__contact *t, i
     }
 }
 
-/* Before the next iteration: weights, normal and the pressure that limits friction, all of which stay fixed during a
-   line search so that there is an energy, follow the particles. */
-static void peri__contact_refresh(peri_world *w, peri__contact *t) {
+/* Weights, normal and (by the share `relax`) the pressure that limits friction follow the particles. Between these calls
+   they stay, so that there is an energy to go down. */
+static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax) {
     const peri__collider *solid;
     double away[3], normal[3];
-    t->held = t->pressure;
+    t->held += relax * (t->pressure - t->held);
     if (t->target >= PERI__TARGET_BODY) {
         if (peri__foot(w, t, 1, away)) peri__contact_turn(t, away);
     } else {
@@ -4087,7 +4083,7 @@ static int peri__hold_sleeps(const peri_world *w, const peri__hold *hold) {
 static void peri__hold_take(const peri_world *w, const peri__contact *t, peri__hold *hold) {
     const peri__collider *solid = t->target < PERI__TARGET_BODY ? peri__contact_collider(w, t) : NULL;
     const double *x = w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->particle);
-    double normal[3], tangent[3], arm[3], length, limit, share, distance;
+    double tangent[3], arm[3], length, limit, share, distance;
     int c;
     hold->body = t->body;
     hold->target = t->target;
@@ -4098,8 +4094,7 @@ static void peri__hold_take(const peri_world *w, const peri__contact *t, peri__h
     memcpy(hold->force, t->force, sizeof hold->force);
     memcpy(hold->normal, t->normal, sizeof hold->normal);
     memcpy(hold->entry, t->entry, sizeof hold->entry);
-    peri__contact_distance(w, t, w->x, normal);
-    peri__contact_slip(w, t, normal, tangent, &length, &limit);
+    peri__contact_slip(w, t, tangent, &length, &limit);
     share = length > limit ? limit / length : 1;
     for (c = 0; c < 3; c++) hold->anchor[c] = share * tangent[c];
     if (!solid) return;
@@ -4765,6 +4760,7 @@ typedef struct peri__solve {
     int n;                      /* 3 particles */
     int energetic;              /* 0: a projective body, whose force is the slope of no energy */
     int evaluations;
+    int refreshed;              /* how often the contacts followed */
     double energy, energy1;     /* at x, at the trial */
 } peri__solve;
 
@@ -4849,15 +4845,18 @@ static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
     return peri__finite(sum) && peri__finite(peri_dot(&w->def.parallel, s->n, out, out));
 }
 
-/* Lets the contacts follow what was reached; gradient and energy with them. */
+/* Lets the contacts follow what was reached; gradient and energy with them. Each pushes as the others let it: from the
+   twentieth time on the pressures that limit friction follow more and more slowly, or they would chase each other. */
 static void peri__refresh_contacts(peri__solve *s) {
+    double relax = s->refreshed < 20 ? 1 : 20.0 / s->refreshed;
     int k;
+    s->refreshed++;
     for (k = s->island.contacts; k < s->island.contacts_end; k++) {
         peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
         if (!t->touching && t->depth < -0.5 * t->distance && t->target < PERI__TARGET_BODY) continue;
         s->energy -= t->energy;
         peri__contact_scatter(s->w, t, s->island.at, 1, s->g);
-        peri__contact_refresh(s->w, t);
+        peri__contact_refresh(s->w, t, relax);
         peri__contact_scatter(s->w, t, s->island.at, -1, s->g);
         s->energy += t->energy;
     }
