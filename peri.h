@@ -240,6 +240,10 @@ typedef struct peri_body_def {
 
 /* Defaults as written above; points, count, spacing and material must be set. */
 PERI_DEF peri_body_def peri_default_body_def(void);
+/* The same for a sheet of this thickness (m): PERI_KERNEL_CONSTANT, with which 8 neighbours in a plane are isotropic. The
+   correspondence and stretch models have the material's moduli in plane stress, the projective model has Young's modulus
+   and Poisson's ratio 1/3 there. A clamp acts half way between its last two rows of fixed particles. */
+PERI_DEF peri_body_def peri_default_sheet_def(peri_real thickness);
 
 /* A material that bodies refer to; a copy is kept. Null id on error. */
 PERI_DEF peri_material_id peri_material_create(peri_world *world, const peri_material *material);
@@ -627,7 +631,9 @@ typedef struct peri__body {
     void *block;
     size_t block_bytes;
     int *row, *col;             /* the same arrays, writable while they are made */
-    peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment;
+    peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment, *normal, *plate;
+    peri_form form;
+    double rigidity;                /* of a sheet: D/t, Pa m^2 */
     peri_real *points;          /* reference positions as they were given */
     peri_real *value, *diagonal;    /* of the matrix */
     peri_real *stiffness, *pinned;  /* sum of a row's bonds; stiffness of contacts in the diagonal, N/m */
@@ -740,7 +746,7 @@ typedef struct peri__island {
 /* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
 enum {
     PERI__WANT_STATE = 1, PERI__WANT_SOLVE = 2, PERI__WANT_LBFGS = 4, PERI__WANT_CHEBYSHEV = 8, PERI__WANT_HISTORY = 16,
-    PERI__WANT_FORCE = 32, PERI__WANT_AIM = 64, PERI__WANT_SPECIAL = 128
+    PERI__WANT_FORCE = 32, PERI__WANT_AIM = 64, PERI__WANT_SPECIAL = 128, PERI__WANT_PLATE = 256
 };
 #define PERI__ROWS 24
 
@@ -756,7 +762,7 @@ struct peri_world {
     size_t row_bytes[PERI__ROWS];   /* held by each array */
     int stride;                 /* reals of coef per particle */
     double *x, *x0, *star, *base, *back, *aim, *partial;
-    peri_real *v, *v0, *out, *mass, *force, *g, *g1, *p, *change, *coef, *history, *work, *special;
+    peri_real *v, *v0, *out, *mass, *force, *g, *g1, *p, *change, *coef, *plate, *history, *work, *special;
     unsigned char *flags, *mode;
     peri__contact *contacts;    /* of the step under way, in order of body, target, particle */
     int *contact_order;         /* the same, by island */
@@ -798,6 +804,7 @@ static int peri__particle_rows(peri_world *w, void ***array, size_t *bytes, unsi
     PERI__ROW(p, r3, PERI__WANT_SOLVE);
     PERI__ROW(change, r3, PERI__WANT_SOLVE);
     PERI__ROW(coef, (size_t)w->stride * r, PERI__WANT_SOLVE);
+    PERI__ROW(plate, PERI__PLATE_STRIDE * r, PERI__WANT_PLATE);
     PERI__ROW(partial, sizeof(double), PERI__WANT_SOLVE);
     PERI__ROW(work, (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * r, PERI__WANT_SOLVE);
     PERI__ROW(history, 2 * (size_t)w->def.lbfgs * r3, PERI__WANT_LBFGS);
@@ -2646,6 +2653,8 @@ static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
     PERI__PART(points, peri_real, 3 * n * r);
     PERI__PART(surface, int, n * sizeof(int));
     PERI__PART(shape, peri_real, 6 * n * r);
+    if (b->form == PERI_FORM_SHEET) PERI__PART(normal, peri_real, 3 * n * r);
+    if (b->rigidity > 0) PERI__PART(plate, peri_real, PERI__PLATE * n * r);
     if (b->matter.m.model == PERI_MODEL_CORRESPONDENCE) PERI__PART(moment, peri_real, 21 * n * r);
     if (b->matter.m.model == PERI_MODEL_STRETCH && b->matter.m.anisotropic) PERI__PART(gain, peri_real, m * r);
 #undef PERI__PART
@@ -2686,19 +2695,48 @@ static void peri__bond_make(peri__body *b, const peri__making *make, int i, int 
     }
 }
 
-/* Pseudo-inverse of the shape tensor k (Voigt); returns its rank. */
-static int peri__pseudo_inverse(const double k[6], peri_real *out) {
+/* Pseudo-inverse of the shape tensor k (Voigt) of at most `most` dimensions; returns its rank. normal: the direction of
+   the smallest eigenvalue (NULL: not wanted). */
+static int peri__pseudo_inverse(const double k[6], int most, peri_real *out, peri_real *normal) {
     static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
     double value[3], v[9], sum[6] = {0, 0, 0, 0, 0, 0};
     int a, c, rank = 0;
     peri_eigen3(k, value, v);
-    for (a = 0; a < 3; a++) {
+    for (a = 0; a < 3 && normal; a++) normal[a] = (peri_real)v[3 * a];
+    for (a = 3 - most; a < 3; a++) {
         if (!(value[a] > 1e-3 * value[2]) || !(value[2] > 0)) continue;
         rank++;
         for (c = 0; c < 6; c++) sum[c] += v[3 * row[c] + a] * v[3 * col[c] + a] / value[a];
     }
     for (c = 0; c < 6; c++) out[c] = (peri_real)sum[c];
     return rank;
+}
+
+/* The moment of bonds in a plane has rank 3: its pseudo-inverse there, which leaves C along the normal alone. Returns 0
+   where the bonds do not even tell the strains of the plane. */
+static int peri__flat_inverse(double m[21], const peri_real *normal) {
+    double t[6], b[18], whole[36], flat[9], inverse[9], det, trace;
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
+    int c, d, k, e;
+    peri__plate_tangents(normal, t);
+    for (c = 0; c < 6; c++) {       /* strains of the plane as strains of space: h = b h2 */
+        b[3 * c] = t[row[c]] * t[col[c]];
+        b[3 * c + 1] = t[3 + row[c]] * t[3 + col[c]];
+        b[3 * c + 2] = t[row[c]] * t[3 + col[c]] + t[3 + row[c]] * t[col[c]];
+    }
+    for (k = 0, c = 0; c < 6; c++)
+        for (d = 0; d <= c; d++, k++) whole[6 * c + d] = whole[6 * d + c] = m[k];
+    for (c = 0; c < 9; c++)
+        for (flat[c] = 0, k = 0; k < 6; k++)
+            for (e = 0; e < 6; e++) flat[c] += b[3 * k + c / 3] * whole[6 * k + e] * b[3 * e + c % 3];
+    trace = flat[0] + flat[4] + flat[8];
+    det = peri_det3(flat);
+    if (!(det > 1e-4 * trace * trace * trace)) return 0;
+    peri_adjugate3(flat, inverse);
+    for (k = 0, c = 0; c < 6; c++)
+        for (d = 0; d <= c; d++, k++)
+            for (m[k] = 0, e = 0; e < 9; e++) m[k] += b[3 * c + e / 3] * inverse[e] / det * b[3 * d + e % 3];
+    return 1;
 }
 
 /* Normalisation, shape tensor and 6x6 moment of particle i. Returns its flags. */
@@ -2725,11 +2763,15 @@ static int peri__family_make(peri__body *b, int i) {
             for (d = 0; d <= c; d++) m[at++] += omega * (double)nn[c] * (double)nn[d];
         }
     }
-    if (peri__pseudo_inverse(tensor, b->shape + 6 * (size_t)i) < 3) flags |= PERI__FLAT | PERI__SURFACE;
+    if (peri__pseudo_inverse(tensor, b->normal ? 2 : 3, b->shape + 6 * (size_t)i,
+                             b->normal ? b->normal + 3 * (size_t)i : NULL) < 3)
+        flags |= PERI__FLAT | PERI__SURFACE;
+    if (b->plate) peri__plate_make(&b->bonds, i, b->rigidity, (double)b->matter.m.poisson,
+                                   b->plate + PERI__PLATE * (size_t)i);
     /* bonds to one side only: on a face of a lattice 0.5, inside of scattered points below 0.1 */
     if (!(lean[0] * lean[0] + lean[1] * lean[1] + lean[2] * lean[2] < 0.15 * 0.15 * arm * arm)) flags |= PERI__SURFACE;
     if (!b->moment) return flags;
-    if (!peri_invert6(m, 1e-3)) {
+    if (b->normal ? !peri__flat_inverse(m, b->normal + 3 * (size_t)i) : !peri_invert6(m, 1e-3)) {
         memset(m, 0, sizeof m);
         flags |= PERI__SINGULAR;
     }
@@ -2778,6 +2820,31 @@ static void peri__fill_task(int begin, int end, void *context) {
     }
 }
 
+static void peri__bonds_view(peri__body *b) {
+    peri__bonds *v = &b->bonds;
+    int c;
+    v->n = b->count;
+    v->row = b->row;
+    v->col = b->col;
+    for (c = 0; c < 3; c++) v->xi[c] = b->xi[c];
+    v->inv_r2 = b->inv_r2;
+    v->weight = b->weight;
+    v->gain = b->gain;
+    v->share = b->share;
+    v->volume = b->volume;
+    v->shape = b->shape;
+    v->moment = b->moment;
+    v->normal = b->normal;
+    v->plate = b->plate;
+    v->unit = b->spacing * b->spacing * b->spacing;
+}
+
+/* Volume of a particle that is given none, m^3. */
+static double peri__default_volume(const peri_body_def *d) {
+    double spacing = (double)d->spacing;
+    return spacing * spacing * (d->form == PERI_FORM_SHEET ? (double)d->thickness : spacing);
+}
+
 /* Fills the block of a body: rows, bonds, families. flags: of its particles, out. */
 static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *make, unsigned char *flags) {
     peri__fill fill;
@@ -2789,11 +2856,12 @@ static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *
     peri__block_layout(b, (char *)b->block, make->bonds);
     b->row[0] = 0;
     for (i = 0; i < b->count; i++) {
-        double v = make->def->volumes ? (double)make->def->volumes[i] / (b->spacing * b->spacing * b->spacing) : 1;
-        b->volume[i] = (peri_real)v;
+        double own = peri__default_volume(make->def), cube = b->spacing * b->spacing * b->spacing;
+        b->volume[i] = (peri_real)((make->def->volumes ? (double)make->def->volumes[i] : own) / cube);
         for (c = 0; c < 3; c++) b->points[3 * (size_t)i + (size_t)c] = make->def->points[3 * (size_t)i + (size_t)c];
         b->row[i + 1] = b->row[i] + peri__grid_near(&make->grid, make->x, i, make->delta, NULL, &closest, &square);
     }
+    peri__bonds_view(b);
     fill.b = b;
     fill.make = make;
     fill.flags = flags;
@@ -2817,6 +2885,14 @@ peri_body_def peri_default_body_def(void) {
     d.bending = 1;
     d.group = 1;
     d.touches = ~(uint32_t)0;
+    return d;
+}
+
+peri_body_def peri_default_sheet_def(peri_real thickness) {
+    peri_body_def d = peri_default_body_def();
+    d.form = PERI_FORM_SHEET;
+    d.thickness = thickness;
+    d.kernel = PERI_KERNEL_CONSTANT;
     return d;
 }
 
@@ -2859,13 +2935,13 @@ static void peri__vec(peri_vec3 v, double out[3]) {
 }
 
 static peri_result peri__check_body_arrays(const peri_body_def *d, peri_error *err) {
-    double cube = (double)d->spacing * (double)d->spacing * (double)d->spacing, most = 1e3 * cube, least = 1e-3 * cube;
+    double usual = peri__default_volume(d), most = 1e3 * usual, least = 1e-3 * usual;
     peri_result bad = peri__finite3("points", d->points, d->count, err);
     int i;
     for (i = 0; i < d->count && d->volumes && !bad; i++)
         if (!((double)d->volumes[i] > least && (double)d->volumes[i] < most))
             bad = peri__fail(err, PERI_ERROR_VALUE,
-                             "volumes[%d] is %g m^3; it must lie between %g and %g (spacing^3 = %g)", i,
+                             "volumes[%d] is %g m^3; it must lie between %g and %g (usual here: %g)", i,
                              (double)d->volumes[i], least, most, least * 1e3);
     return bad;
 }
@@ -2885,6 +2961,11 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
                           (unsigned)d->material.index1, (unsigned)d->material.generation);
     bad = peri__check_range("spacing", (double)d->spacing, 1e-9, 1e9, err);
     if (!bad) bad = peri__check_range("horizon", (double)d->horizon, 1, PERI__HORIZON_MAX, err);
+    if (!bad) bad = peri__check_enum("form", (int)d->form, (int)PERI_FORM_ROD, err);
+    if (!bad && d->form != PERI_FORM_SOLID) {
+        bad = peri__check_range("thickness of a sheet or rod", (double)d->thickness, 1e-12, 1e9, err);
+        if (!bad) bad = peri__check_range("bending", (double)d->bending, 0, 1e6, err);
+    }
     if (!bad) bad = peri__check_enum("kernel", (int)d->kernel, (int)PERI_KERNEL_SHIFTED, err);
     if (!bad) bad = peri__check_range("kernel_power", (double)d->kernel_power, -4, 4, err);
     if (!bad) bad = peri__check_range("contact_radius", (double)d->contact_radius, 0, 2, err);
@@ -2896,12 +2977,19 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
     return bad ? bad : peri__check_body_arrays(d, err);
 }
 
+/* What bending adds to a bond's stiffness, Pa: the second derivative of its own term; by the fit the plate is softer. */
+static double peri__bend_stiffness(const peri__body *b, int i, int k) {
+    const peri_real *plate = b->plate;
+    if (!plate) return 0;
+    return (double)((plate[PERI__PLATE * (size_t)i + 12] + plate[PERI__PLATE * (size_t)b->col[k] + 12]) * b->inv_r2[k]);
+}
+
 /* Stiffness of bond k of particle i in the constant matrix (PP section 4.1, SH (23)), N/m. */
 static double peri__bond_stiffness(const peri__body *b, int i, int k) {
     double gain = b->gain ? (double)b->gain[k] : 1;
     return b->spacing * b->spacing * b->spacing *
            (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[b->col[k]])) *
-           (b->matter.stiffness_g + gain * b->matter.stiffness_h);
+           (b->matter.stiffness_g + gain * b->matter.stiffness_h + peri__bend_stiffness(b, i, k));
 }
 
 /* State of the new particles: called when nothing can fail any more. */
@@ -2970,26 +3058,10 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
     if (!bad) bad = peri__bonds_make(w, b, make, *flags);
     if (bad) return bad;
     if (w->def.integrator == PERI_BDF2) wants |= PERI__WANT_HISTORY;
+    if (b->plate) wants |= PERI__WANT_PLATE;
     for (i = 0; i < d->count; i++)
         if ((*flags)[i] & PERI__SINGULAR) wants |= PERI__WANT_SPECIAL;
     return peri__reserve(w, w->particles + d->count, wants, peri__model(b->matter.m.model)->stride);
-}
-
-static void peri__bonds_view(peri__body *b) {
-    peri__bonds *v = &b->bonds;
-    int c;
-    v->n = b->count;
-    v->row = b->row;
-    v->col = b->col;
-    for (c = 0; c < 3; c++) v->xi[c] = b->xi[c];
-    v->inv_r2 = b->inv_r2;
-    v->weight = b->weight;
-    v->gain = b->gain;
-    v->share = b->share;
-    v->volume = b->volume;
-    v->shape = b->shape;
-    v->moment = b->moment;
-    v->unit = b->spacing * b->spacing * b->spacing;
 }
 
 /* The bonds with the pointers that follow the particle arrays. */
@@ -2997,6 +3069,12 @@ static const peri__bonds *peri__view(const peri_world *w, peri__body *b) {
     b->bonds.mode = w->mode + b->first;
     b->bonds.special = w->special ? w->special + 9 * (size_t)b->first : NULL;
     return &b->bonds;
+}
+
+/* D/t of a sheet, Pa m^2. */
+static double peri__plate_rigidity(const peri_body_def *d, const peri_material *m) {
+    double t = (double)d->thickness, nu = (double)m->poisson;
+    return (double)d->bending * (double)m->young * t * t / (12 * (1 - nu * nu));
 }
 
 peri_material_id peri_material_create(peri_world *w, const peri_material *material) {
@@ -3038,7 +3116,9 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         b.first = w->particles;
         b.count = d->count;
         material = (peri__stored_material *)(void *)peri__slot_at(&w->materials, (int)d->material.index1 - 1);
-        peri__matter_make(&material->m, &b.matter);
+        peri__matter_make(&material->m, d->form == PERI_FORM_SHEET, &b.matter);
+        b.form = d->form;
+        if (d->form == PERI_FORM_SHEET) b.rigidity = peri__plate_rigidity(d, &material->m);
         b.spacing = (double)d->spacing;
         b.horizon = (double)d->horizon;
         b.radius = (double)d->contact_radius * b.spacing;
@@ -4394,15 +4474,22 @@ static peri_real *peri__coef(const peri_world *w, const peri__body *b) {
     return w->coef + (size_t)w->stride * (size_t)b->first;
 }
 
+static peri_real *peri__plate_coef(const peri_world *w, const peri__body *b) {
+    return w->plate + PERI__PLATE_STRIDE * (size_t)b->first;
+}
+
 static void peri__local_task(int begin, int end, void *context) {
     peri__pass *p = (peri__pass *)context;
     int special = p->b->unhealthy || p->b->singular, next;
+    double bend = 0;
     for (; begin < end; begin = next) {     /* a piece may hold several grains; the sums must not */
         double *sum = p->w->partial + p->b->first + begin / PERI__GRAIN;
         next = begin / PERI__GRAIN * PERI__GRAIN + PERI__GRAIN;
         if (next > end) next = end;
         *sum = p->row->local(p->bonds, &p->b->matter, p->x, begin, next, peri__coef(p->w, p->b), p->energy);
         if (special) *sum += peri__special_local(p->bonds, &p->b->matter, p->x, begin, next, p->energy);
+        if (p->b->plate) bend = peri__plate_local(p->bonds, p->x, begin, next, peri__plate_coef(p->w, p->b));
+        if (p->energy) *sum += bend;
     }
 }
 
@@ -4413,6 +4500,7 @@ static void peri__force_task(int begin, int end, void *context) {
     size_t i;
     p->row->force(p->bonds, &p->b->matter, p->x, begin, end, coef, p->f);
     if (special) peri__special_force(p->bonds, &p->b->matter, p->x, begin, end, p->f);
+    if (p->b->plate) peri__plate_force(p->bonds, p->x, begin, end, peri__plate_coef(p->w, p->b), p->f);
     if (!p->star) return;
     for (i = (size_t)begin; i < (size_t)end; i++) {
         double mass = (double)p->w->mass[(size_t)p->b->first + i] * p->inv_h2;
@@ -4451,6 +4539,7 @@ static double peri__elastic(peri_world *w, peri__body *b, int begin, int end) {
     peri__pass_begin(&p, w, b, NULL);
     sum = p.row->local(p.bonds, &b->matter, p.x, begin, end, peri__coef(w, b), 1);
     if (b->unhealthy || b->singular) sum += peri__special_local(p.bonds, &b->matter, p.x, begin, end, 1);
+    if (b->plate) sum += peri__plate_local(p.bonds, p.x, begin, end, peri__plate_coef(w, b));
     return sum;
 }
 

@@ -591,7 +591,9 @@ typedef struct peri__bonds {
     const peri_real *share;         /* c_i */
     const peri_real *volume;        /* v_i */
     const peri_real *shape;         /* 6 n: (sum omega n n)^-1, pseudo-inverse where that is singular */
-    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence only) */
+    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence only); of sheets the pseudo-inverse */
+    const peri_real *normal;        /* 3 n: reference normals of a sheet, or NULL */
+    const peri_real *plate;         /* PERI__PLATE n: bending of a sheet, or NULL */
     const unsigned char *mode;      /* n: a peri__mode each */
     peri_real *special;             /* 9 n: of particles whose mode is not PERI__MAIN (NULL: there are none) */
     double unit;                    /* d^3 */
@@ -774,6 +776,45 @@ static void peri__packed6(const peri_real *a, const double in[6], double out[6])
     }
 }
 
+/* Thickness of a sheet takes what value frees it of normal stress: the component of H along the normal N, found such that
+   N.dPsi/dC N = 0 (regula falsi, Illinois). Psi is least there, so its other derivatives feel nothing of the search. */
+static double peri__law_plane(const peri_material *m, const peri_real *normal, double h[6], double dpsi[6]) {
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
+    double flat[6], nn[6], low = -0.99, high = 3, at, g, g_low = 0, g_high = 0, psi = 0, nu = (double)m->poisson;
+    int k, it, side = 0;
+    for (k = 0; k < 6; k++) {
+        flat[k] = h[k];
+        nn[k] = (double)normal[row[k]] * (double)normal[col[k]];
+    }
+    at = -nu / (1 - nu) * (h[0] + h[1] + h[2]);
+    if (!(at > -0.9)) at = -0.9;
+    for (it = 0; it < 60; it++) {
+        for (k = 0; k < 6; k++) h[k] = flat[k] + at * nn[k];
+        psi = peri_law_value(m, h, dpsi);
+        for (g = 0, k = 0; k < 6; k++) g += (k < 3 ? 1 : 2) * dpsi[k] * nn[k];
+        if (!(fabs(g) > 1e-13 * (double)m->mu) || high - low < 1e-14) break;
+        if (it == 0) {      /* the first step follows the small-strain slope, the second bracket is wide */
+            double slope = ((double)m->lambda + 2 * (double)m->mu) / 4;
+            if (g > 0) high = at, g_high = g;
+            else low = at, g_low = g;
+            at -= g / slope;
+            if (at > low && at < high) continue;
+        } else if (g > 0) {
+            high = at;
+            g_high = g;
+            if (side == 1) g_low /= 2;
+            side = 1;
+        } else {
+            low = at;
+            g_low = g;
+            if (side == -1) g_high /= 2;
+            side = -1;
+        }
+        at = g_low < 0 && g_high > 0 ? (low * g_high - high * g_low) / (g_high - g_low) : (low + high) / 2;
+    }
+    return psi;
+}
+
 /* H_i; returns sum omega (tau^2 - 1)^2 - H_i.M_i H_i, the misfit of the fit. */
 static double peri__strain(const peri__bonds *b, const double *x, int i, double h[6]) {
     peri_real a[6] = {0, 0, 0, 0, 0, 0}, squares = 0, nn[6];
@@ -799,7 +840,7 @@ static double peri__strain(const peri__bonds *b, const double *x, int i, double 
 
 static double peri__correspondence_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin,
                                          int end, peri_real *coef, int energy) {
-    double sum = 0, h[6], dpsi[6], l[6], misfit, psi, t = (double)m->stabiliser;
+    double sum = 0, h[6], fit[6], dpsi[6], l[6], misfit, psi, t = (double)m->stabiliser;
     int i, c;
     for (i = begin; i < end; i++) {
         peri_real *out = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)i;
@@ -809,7 +850,13 @@ static double peri__correspondence_local(const peri__bonds *b, const peri__matte
             continue;
         }
         misfit = peri__strain(b, x, i, h);
-        psi = peri_law_value(&m->m, h, dpsi);
+        if (b->normal) {
+            memcpy(fit, h, sizeof fit);
+            psi = peri__law_plane(&m->m, b->normal + 3 * (size_t)i, h, dpsi);
+            memcpy(h, fit, sizeof fit);
+        } else {
+            psi = peri_law_value(&m->m, h, dpsi);
+        }
         for (c = 3; c < 6; c++) dpsi[c] *= 2;
         peri__packed6(b->moment + 21 * (size_t)i, dpsi, l);
         for (c = 0; c < 6; c++) out[c] = (peri_real)(scale * (l[c] - t / 2 * h[c]));
@@ -1021,10 +1068,23 @@ PERI__SHARED void peri__special_force(const peri__bonds *b, const peri__matter *
     }
 }
 
+/* Constants for one layer of points in plane stress. There the bonds average over a circle, <n n n n> = (dd + dd + dd)/8
+   in place of the sphere's 15: ms = 4 mu, ls = 2 (lambda' - mu), lambda' = 2 lambda mu/(lambda + 2 mu); the projective
+   model has E = 2 (a + b/2)/3 and Poisson's ratio 1/3. */
+static void peri__matter_flatten(peri_material *m) {
+    double mu = (double)m->ms / 7.5, lambda = (double)m->ls / 4.5 + mu, plane = 2 * lambda * mu / (lambda + 2 * mu);
+    m->ms = (peri_real)(4 * mu);
+    m->ls = (peri_real)(2 * (plane - mu));
+    m->a *= PERI__R(0.5);
+    m->b *= PERI__R(0.5);
+}
+
 /* Fills everything that the loops need of a material. */
-static void peri__matter_make(const peri_material *source, peri__matter *m) {
-    double shear = 7.5 * (double)source->mu, bulk, g2, h2;
+static void peri__matter_make(const peri_material *source, int sheet, peri__matter *m) {
+    double shear = (sheet ? 4 : 7.5) * (double)source->mu, bulk, g2, h2;
     m->m = *source;
+    if (sheet) peri__matter_flatten(&m->m);
+    source = &m->m;
     peri__basis_compile(&source->g, &m->g);
     peri__basis_compile(&source->h, &m->h);
     m->stabiliser = (peri_real)(shear * (double)source->stabiliser);
@@ -1080,7 +1140,246 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
     return 1;
 }
 
-/* ---- implementation 9: a material point -------------------------------------------------------------------------- */
+/* ---- implementation 9: plates -------------------------------------------------------------------------------------
+   Bending of one layer of points. e_ij = y_ij - G_i xi_ij - s_ij n_i is how bond ij departs from the tangent plane of
+   particle i, apart from the departure s_ij = N_i.xi_ij that it has at rest: G_i is the least squares fit of the bonds in
+   the plane (weights omega/r^4), n_i the normal of the plane G_i. For a curvature K of the surface e/r^2 = n n.K n/2, so
+       Psi_i = beta sum omega |e|^2/r^4 + gamma |m_i|^2,   m_i = sum omega e/r^2
+             = beta/32 (2 K:K + tr^2 K) + gamma/16 tr^2 K
+   in an isotropic family; a plate has D/(2t) [(1 - nu) K:K + nu tr^2 K]. beta = 8 (1 - nu) D/t, gamma = 8 nu D/t - beta/2
+   is at least -beta/2: Psi is convex (Cauchy-Schwarz). At edges bonds are one-sided and the fit takes part of the curve:
+   there both are scaled so that the strongest direction bends as a beam does. Derivatives through G_i vanish by the
+   normal equations in the first term; the others are kept: forces are exact. Ours; no paper has it. */
+
+#define PERI__PLATE 16      /* S (6), N (3), h = S sum omega xi/r^2 (3), beta, gamma, sum omega s/r^2 */
+#define PERI__PLATE_STRIDE 20   /* G (9), gamma m (3), n (3), q (3), beta, unit c */
+
+typedef struct peri__plate_bond {
+    peri_real omega_r2, omega_r4;   /* without c_i/v_i */
+    peri_real e[3], s;
+} peri__plate_bond;
+
+static void peri__symmetric_apply(const peri_real *s, const double v[3], double out[3]) {
+    out[0] = (double)s[0] * v[0] + (double)s[5] * v[1] + (double)s[4] * v[2];
+    out[1] = (double)s[5] * v[0] + (double)s[1] * v[1] + (double)s[3] * v[2];
+    out[2] = (double)s[4] * v[0] + (double)s[3] * v[1] + (double)s[2] * v[2];
+}
+
+/* Departure of bond o from the plane g with normal n (reference: N). */
+static void peri__plate_departure(const peri__bond *o, const peri_real *g, const peri_real *n, const peri_real *ref,
+                                  peri__plate_bond *p) {
+    int c;
+    p->omega_r2 = o->weight * o->inv_r2;
+    p->omega_r4 = p->omega_r2 * o->inv_r2;
+    p->s = ref[0] * o->xi[0] + ref[1] * o->xi[1] + ref[2] * o->xi[2];
+    for (c = 0; c < 3; c++)
+        p->e[c] = o->y[c] - g[3 * c] * o->xi[0] - g[3 * c + 1] * o->xi[1] - g[3 * c + 2] * o->xi[2] - p->s * n[c];
+}
+
+/* G of particle i, and the normal of its plane with the dual vectors of two tangents t (rows of `dual`). */
+static void peri__plate_fit(const peri__bonds *b, const double *x, int i, const double t[6], peri_real *g,
+                            peri_real *n, double dual[6]) {
+    const peri_real *plate = b->plate + PERI__PLATE * (size_t)i;
+    double sum[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}, row[3], a[6], aa, bb, ab, det, scale = (double)(b->share[i] / b->volume[i]);
+    double normal[3], length;
+    int k, c, d;
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        peri__bond o;
+        double w;
+        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        w = scale * (double)(o.weight * o.inv_r2 * o.inv_r2);
+        for (c = 0; c < 9; c++) sum[c] += w * (double)o.y[c / 3] * (double)o.xi[c % 3];
+    }
+    for (c = 0; c < 3; c++) {
+        peri__symmetric_apply(plate, sum + 3 * c, row);
+        for (d = 0; d < 3; d++) g[3 * c + d] = (peri_real)row[d];
+        for (d = 0; d < 2; d++) a[3 * d + c] = row[0] * t[3 * d] + row[1] * t[3 * d + 1] + row[2] * t[3 * d + 2];
+    }
+    aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+    bb = a[3] * a[3] + a[4] * a[4] + a[5] * a[5];
+    ab = a[0] * a[3] + a[1] * a[4] + a[2] * a[5];
+    det = aa * bb - ab * ab;
+    normal[0] = a[1] * a[5] - a[2] * a[4];
+    normal[1] = a[2] * a[3] - a[0] * a[5];
+    normal[2] = a[0] * a[4] - a[1] * a[3];
+    length = sqrt(det > 0 ? det : 0);
+    for (c = 0; c < 3; c++) {
+        n[c] = length > 1e-6 ? (peri_real)(normal[c] / length) : plate[6 + c];
+        dual[c] = length > 1e-6 ? (bb * a[c] - ab * a[3 + c]) / det : 0;
+        dual[3 + c] = length > 1e-6 ? (aa * a[3 + c] - ab * a[c]) / det : 0;
+    }
+}
+
+/* Two unit tangents across the unit normal N, so that t0 x t1 = N. */
+static void peri__plate_tangents(const peri_real *normal, double t[6]) {
+    double n[3], length;
+    int c, least = 0;
+    for (c = 0; c < 3; c++) n[c] = (double)normal[c];
+    for (c = 1; c < 3; c++)
+        if (fabs(n[c]) < fabs(n[least])) least = c;
+    for (c = 0; c < 3; c++) t[c] = (c == least) - n[least] * n[c];
+    length = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+    for (c = 0; c < 3; c++) t[c] /= length;
+    t[3] = n[1] * t[2] - n[2] * t[1];
+    t[4] = n[2] * t[0] - n[0] * t[2];
+    t[5] = n[0] * t[1] - n[1] * t[0];
+}
+
+/* Coefficients of particles begin .. end - 1 into coef, and their bending energy, J. */
+PERI__SHARED double peri__plate_local(const peri__bonds *b, const double *x, int begin, int end, peri_real *coef) {
+    double energy = 0, t[6], dual[6];
+    int i, k, c;
+    for (i = begin; i < end; i++) {
+        const peri_real *plate = b->plate + PERI__PLATE * (size_t)i;
+        peri_real *out = coef + PERI__PLATE_STRIDE * (size_t)i;
+        double scale = (double)(b->share[i] / b->volume[i]), beta = (double)plate[12], gamma = (double)plate[13];
+        double m[3] = {0, 0, 0}, turn[3] = {0, 0, 0}, squares = 0, along[3] = {0, 0, 0}, q[3];
+        peri__plate_tangents(plate + 6, t);
+        peri__plate_fit(b, x, i, t, out, out + 12, dual);
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            peri__bond o;
+            peri__plate_bond p;
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__plate_departure(&o, out, out + 12, plate + 6, &p);
+            for (c = 0; c < 3; c++) {
+                squares += (double)(p.omega_r4 * p.e[c] * p.e[c]);
+                m[c] += scale * (double)(p.omega_r2 * p.e[c]);
+                turn[c] += scale * (double)(p.omega_r4 * p.s * p.e[c]);
+            }
+        }
+        squares *= scale;
+        energy += b->unit * (double)b->volume[i] *
+                  (beta * squares + gamma * (m[0] * m[0] + m[1] * m[1] + m[2] * m[2]));
+        /* dPsi/dn, and what it makes of dG: dn = -sum dual (n.dG t) */
+        for (c = 0; c < 3; c++) turn[c] = -2 * beta * turn[c] - 2 * gamma * (double)plate[14] * m[c];
+        for (c = 0; c < 3; c++)
+            along[c] = t[c] * (turn[0] * dual[0] + turn[1] * dual[1] + turn[2] * dual[2]) +
+                       t[3 + c] * (turn[0] * dual[3] + turn[1] * dual[4] + turn[2] * dual[5]);
+        peri__symmetric_apply(plate, along, q);
+        for (c = 0; c < 3; c++) {
+            out[9 + c] = (peri_real)(gamma * m[c]);
+            out[15 + c] = (peri_real)q[c];
+        }
+        out[18] = (peri_real)beta;
+        out[19] = (peri_real)b->unit * b->share[i];
+    }
+    return energy;
+}
+
+/* d(V_i Psi_i)/dy of bond o of particle i; sign -1: of the same bond seen from its other end, turned round. */
+static void peri__plate_pull(const peri_real *plate, const peri_real *coef, const peri__bond *o, peri_real sign,
+                             peri_real t[3]) {
+    peri__plate_bond p;
+    peri_real even, odd, lean;
+    int c;
+    peri__plate_departure(o, coef, coef + 12, plate + 6, &p);
+    even = sign * p.omega_r2;
+    odd = p.omega_r4 * (o->xi[0] * plate[9] + o->xi[1] * plate[10] + o->xi[2] * plate[11]);
+    lean = p.omega_r4 * (o->xi[0] * coef[15] + o->xi[1] * coef[16] + o->xi[2] * coef[17]);
+    for (c = 0; c < 3; c++)
+        t[c] = coef[19] * (2 * coef[18] * p.omega_r4 * p.e[c] + 2 * (even - odd) * coef[9 + c] - lean * coef[12 + c]);
+}
+
+/* Adds the bending forces on particles begin .. end - 1 to f. */
+PERI__SHARED void peri__plate_force(const peri__bonds *b, const double *x, int begin, int end, const peri_real *coef,
+                                    peri_real *f) {
+    int i, k, c;
+    for (i = begin; i < end; i++) {
+        peri_real sum[3] = {0, 0, 0}, ti[3], tj[3];
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            size_t j = (size_t)b->col[k];
+            peri__bond o;
+            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__plate_pull(b->plate + PERI__PLATE * (size_t)i, coef + PERI__PLATE_STRIDE * (size_t)i, &o, 1, ti);
+            peri__plate_pull(b->plate + PERI__PLATE * j, coef + PERI__PLATE_STRIDE * j, &o, -1, tj);
+            for (c = 0; c < 3; c++) sum[c] += ti[c] + tj[c];
+        }
+        for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] += sum[c];
+    }
+}
+
+/* beta, gamma of a particle whose forms are given: q[0] of the first term, q[1] of the second (3x3, of K00 K11 K01,
+   packed 00 01 11 02 12 22). rigidity: D/t. The strongest of 32 directions bends as a beam: min Psi = D (1 - nu^2)/(2t)
+   per curvature squared along it. */
+static void peri__plate_scale(double q[2][6], double rigidity, double nu, peri_real *plate) {
+    double beta = 8 * (1 - nu) * rigidity, gamma = 8 * nu * rigidity - beta / 2, a[9], inverse[9], most = 0, det, trace;
+    int k, c, d;
+    for (k = 0, c = 0; c < 3; c++)
+        for (d = 0; d <= c; d++, k++) a[3 * c + d] = a[3 * d + c] = beta * q[0][k] + gamma * q[1][k];
+    trace = a[0] + a[4] + a[8];
+    for (c = 0; c < 9; c += 4) a[c] += 1e-3 * trace;     /* at edges no moment is felt in some directions */
+    det = peri_det3(a);
+    peri_adjugate3(a, inverse);
+    for (k = 0; k < 32 && det > 0; k++) {   /* directions by the half-angle formulas: no sine of a library */
+        double u = (k - 16) / 16.0, cosine = (1 - u * u) / (1 + u * u), sine = 2 * u / (1 + u * u), e[3], soft = 0;
+        e[0] = cosine * cosine;
+        e[1] = sine * sine;
+        e[2] = 2 * cosine * sine;
+        for (c = 0; c < 9; c++) soft += e[c / 3] * inverse[c] / det * e[c % 3];
+        if (soft > 0 && 1 / soft > most) most = 1 / soft;
+    }
+    /* a corner's three bonds feel twist alone, which bears no moment in any direction: it stays as it is */
+    trace = rigidity * (1 - nu * nu) / 2;
+    trace = most > 0.05 * trace ? trace / most : 1;
+    plate[12] = (peri_real)(beta * trace);
+    plate[13] = (peri_real)(gamma * trace);
+}
+
+/* The plate constants of particle i from its bonds at rest. Returns 0 when they span no plane: it does not bend. */
+PERI__SHARED int peri__plate_make(const peri__bonds *b, int i, double rigidity, double nu, peri_real *plate) {
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
+    double tensor[6] = {0, 0, 0, 0, 0, 0}, value[3], v[9], t[6], lean[3] = {0, 0, 0}, h[3], q[2][6], mean[3];
+    double fit[3][3], scale = (double)(b->share[i] / b->volume[i]), offset = 0;
+    int k, c, d, at;
+    memset(plate, 0, PERI__PLATE * sizeof *plate);
+    memset(q, 0, sizeof q);
+    memset(fit, 0, sizeof fit);
+    memset(mean, 0, sizeof mean);
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        double w2 = scale * (double)(b->weight[k] * b->inv_r2[k]), w4 = w2 * (double)b->inv_r2[k];
+        for (c = 0; c < 6; c++) tensor[c] += w4 * (double)b->xi[row[c]][k] * (double)b->xi[col[c]][k];
+        for (c = 0; c < 3; c++) lean[c] += w2 * (double)b->xi[c][k];
+    }
+    peri_eigen3(tensor, value, v);
+    if (!(value[1] > 1e-3 * value[2]) || !(value[2] > 0)) return 0;
+    for (c = 0; c < 6; c++)
+        plate[c] = (peri_real)(v[3 * row[c] + 1] * v[3 * col[c] + 1] / value[1] +
+                               v[3 * row[c] + 2] * v[3 * col[c] + 2] / value[2]);
+    for (c = 0; c < 3; c++) plate[6 + c] = (peri_real)v[3 * c];
+    peri__symmetric_apply(plate, lean, h);
+    for (c = 0; c < 3; c++) plate[9 + c] = (peri_real)h[c];
+    peri__plate_tangents(plate + 6, t);
+    /* forms of the three unit curvatures: first what the fit takes of each, then what is left */
+    for (at = 0; at < 2; at++)
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            double w2 = scale * (double)(b->weight[k] * b->inv_r2[k]), w4 = w2 * (double)b->inv_r2[k], z[3], p[2], xi[3];
+            for (c = 0; c < 3; c++) xi[c] = (double)b->xi[c][k];
+            for (c = 0; c < 2; c++) p[c] = t[3 * c] * xi[0] + t[3 * c + 1] * xi[1] + t[3 * c + 2] * xi[2];
+            z[0] = p[0] * p[0] / 2;
+            z[1] = p[1] * p[1] / 2;
+            z[2] = p[0] * p[1];
+            for (c = 0; c < 3 && !at; c++)
+                for (d = 0; d < 3; d++) fit[c][d] += w4 * z[c] * xi[d];
+            if (!at) continue;
+            for (c = 0; c < 3; c++) {
+                peri__symmetric_apply(plate, fit[c], h);
+                z[c] -= h[0] * xi[0] + h[1] * xi[1] + h[2] * xi[2];
+                mean[c] += w2 * z[c];
+            }
+            for (d = 0, c = 0; c < 6; c++) {
+                static const int first[6] = {0, 1, 1, 2, 2, 2}, second[6] = {0, 0, 1, 0, 1, 2};
+                q[0][c] += w4 * z[first[c]] * z[second[c]];
+            }
+            offset += w2 * ((double)plate[6] * xi[0] + (double)plate[7] * xi[1] + (double)plate[8] * xi[2]);
+        }
+    for (at = 0, c = 0; c < 3; c++)
+        for (d = 0; d <= c; d++) q[1][at++] = mean[c] * mean[d];
+    plate[14] = (peri_real)offset;
+    peri__plate_scale(q, rigidity, nu, plate);
+    return 1;
+}
+
+/* ---- implementation 10: a material point -------------------------------------------------------------------------- */
 
 /* Adds what one direction n, of weight w, gives to theta, or to the energy and stress once theta is known. */
 static double peri__point_direction(const peri__matter *m, const double f[9], const double n[3], double w, double slope,
@@ -1163,7 +1462,7 @@ double peri_material_point(const peri_material *m, const double f[9], double p[9
     double theta = 0, slope, energy;
     int k;
     if (m->model == PERI_MODEL_CORRESPONDENCE) return peri__point_law(m, f, p);
-    peri__matter_make(m, &matter);
+    peri__matter_make(m, 0, &matter);
     for (k = 0; k < 9 && p; k++) p[k] = 0;
     if (m->model == PERI_MODEL_PROJECTIVE) return peri__point_sphere(&matter, f, 0, NULL, p);
     peri__point_sphere(&matter, f, 0, &theta, NULL);
