@@ -633,7 +633,10 @@ typedef struct peri__body {
     int *row, *col;             /* the same arrays, writable while they are made */
     peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment, *normal, *plate;
     peri_form form;
-    double rigidity;                /* of a sheet: D/t, Pa m^2 */
+    double rigidity;            /* of a sheet: bending t^2/12, m^2; times E/(1 - nu^2) it is D/t */
+    peri__matter *matters;      /* body of several materials: all of them, */
+    unsigned char *kind;        /* and which a particle is made of; else NULL */
+    peri_real *firmness, *far_gain; /* factor on a particle's stiffness, or NULL; see peri__bonds */
     peri_real *points;          /* reference positions as they were given */
     peri_real *value, *diagonal;    /* of the matrix */
     peri_real *stiffness, *pinned;  /* sum of a row's bonds; stiffness of contacts in the diagonal, N/m */
@@ -2280,8 +2283,8 @@ typedef struct peri__stored_material {
 /* Bytes that bodies take at most, apart from the particle arrays: see peri__block_layout and peri__neighbours. */
 static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t bonds, size_t bodies) {
     size_t r = sizeof(peri_real), i = sizeof(int);
-    (void)d;
-    return particles * (7 * i + (6 + 21 + 3 + 5) * r) + bonds * (i + 7 * r) + bodies * (24 * PERI__UNIT + 72 * i) +
+    return particles * (7 * i + 1 + (6 + 21 + 3 + 6 + 3 + PERI__PLATE) * r) + bonds * (i + 8 * r) +
+           bodies * (32 * PERI__UNIT + 72 * i) + (size_t)d->max_materials * sizeof(peri__matter) +
            particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
 }
 
@@ -2618,6 +2621,30 @@ static int peri__grid_near(const peri__grid *g, const double *x, int i, double r
 
 /* ---- implementation 5: bonds ------------------------------------------------------------------------------------- */
 
+/* Rotation matrix (rows) of a quaternion, normalised. */
+static void peri__quat_matrix(peri_quat q, double r[9]) {
+    double x = (double)q.x, y = (double)q.y, z = (double)q.z, w = (double)q.w, s = 2 / (x * x + y * y + z * z + w * w);
+    r[0] = 1 - s * (y * y + z * z); r[1] = s * (x * y - w * z); r[2] = s * (x * z + w * y);
+    r[3] = s * (x * y + w * z); r[4] = 1 - s * (x * x + z * z); r[5] = s * (y * z - w * x);
+    r[6] = s * (x * z - w * y); r[7] = s * (y * z + w * x); r[8] = 1 - s * (x * x + y * y);
+}
+
+static void peri__apply(const double r[9], const double *v, double *out) {
+    int c;
+    for (c = 0; c < 3; c++) out[c] = r[3 * c] * v[0] + r[3 * c + 1] * v[1] + r[3 * c + 2] * v[2];
+}
+
+static void peri__apply_back(const double r[9], const double *v, double *out) {
+    int c;
+    for (c = 0; c < 3; c++) out[c] = r[c] * v[0] + r[3 + c] * v[1] + r[6 + c] * v[2];
+}
+
+static void peri__cross(const double *a, const double *b, double *out) {
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
 /* Unnormalised weight of a bond of length r (in spacings) for horizon delta (in spacings). */
 static double peri__kernel(const peri_body_def *d, double r, double delta) {
     double q = r / delta, w = 1;
@@ -2633,9 +2660,22 @@ static double peri__kernel(const peri_body_def *d, double r, double delta) {
     return w;
 }
 
+/* What making a body needs besides the body itself. */
+typedef struct peri__making {
+    const peri_body_def *def;
+    double *x;              /* reference positions in the world's frame */
+    size_t x_bytes;
+    peri__grid grid;
+    double delta;           /* horizon, m */
+    double turn[9];         /* points as given to the world's frame */
+    int bonds;
+    int anisotropic;        /* a material of the body is: bonds have a gain */
+} peri__making;
+
 /* A body's constant arrays lie in one block; called with base NULL it only counts. */
-static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
-    size_t r = sizeof(peri_real), n = (size_t)b->count, m = (size_t)bonds, at = 0;
+static size_t peri__block_layout(peri__body *b, char *base, const peri__making *make) {
+    size_t r = sizeof(peri_real), n = (size_t)b->count, m = (size_t)make->bonds, at = 0;
+    const peri_body_def *d = make->def;
     int c;
 #define PERI__PART(field, type, bytes) \
     (b->field = base ? (type *)(void *)(base + at) : NULL, at += peri__round_up(bytes))
@@ -2656,26 +2696,40 @@ static size_t peri__block_layout(peri__body *b, char *base, int bonds) {
     if (b->form == PERI_FORM_SHEET) PERI__PART(normal, peri_real, 3 * n * r);
     if (b->rigidity > 0) PERI__PART(plate, peri_real, PERI__PLATE * n * r);
     if (b->matter.m.model == PERI_MODEL_CORRESPONDENCE) PERI__PART(moment, peri_real, 21 * n * r);
-    if (b->matter.m.model == PERI_MODEL_STRETCH && b->matter.m.anisotropic) PERI__PART(gain, peri_real, m * r);
+    if (make->anisotropic) PERI__PART(gain, peri_real, m * r);
+    if (make->anisotropic && (d->directions || d->material_of)) PERI__PART(far_gain, peri_real, m * r);
+    if (d->material_of) PERI__PART(matters, peri__matter, ((size_t)d->material_count + 1) * sizeof(peri__matter));
+    if (d->material_of) PERI__PART(kind, unsigned char, n);
+    if (d->stiffness) PERI__PART(firmness, peri_real, n * r);
 #undef PERI__PART
     return at;
 }
 
-/* What making a body needs besides the body itself. */
-typedef struct peri__making {
-    const peri_body_def *def;
-    double *x;              /* reference positions in the world's frame */
-    size_t x_bytes;
-    peri__grid grid;
-    double delta;           /* horizon, m */
-    int bonds;
-} peri__making;
+/* G(n) of particle i for the direction of xi (SH (18)). Directions of its own turn with the points. */
+static double peri__bond_gain(const peri__body *b, const peri__making *make, int i, const double xi[3], double r2) {
+    const peri_material *m = &(b->matters ? b->matters + b->kind[i] : &b->matter)->m;
+    const peri_real *direction = m->direction;
+    double along[3], sum = 0;
+    int a, c;
+    if (!m->anisotropic) return 1;
+    memcpy(along, xi, sizeof along);
+    if (make->def->directions) {
+        direction = make->def->directions + 9 * (size_t)i;
+        peri__apply_back(make->turn, xi, along);
+    }
+    for (a = 0; a < 3; a++) {
+        double d = 0;
+        for (c = 0; c < 3; c++) d += (double)direction[3 * c + a] * along[c];
+        sum += d * d * (double)m->strength[a] * (double)m->strength[a];
+    }
+    return sqrt(sum / r2);
+}
 
 static void peri__bond_make(peri__body *b, const peri__making *make, int i, int k) {
     const double *xi = make->x + 3 * (size_t)i, *xj = make->x + 3 * (size_t)b->col[k];
     const peri_real *pi = make->def->points + 3 * (size_t)i, *pj = make->def->points + 3 * (size_t)b->col[k];
-    double r2 = 0, w;
-    int c, a;
+    double r2 = 0, w, along[3];
+    int c;
     for (c = 0; c < 3; c++) {
         double d = (double)pj[c] - (double)pi[c];
         b->xi[c][k] = (peri_real)(xj[c] - xi[c]);
@@ -2684,15 +2738,9 @@ static void peri__bond_make(peri__body *b, const peri__making *make, int i, int 
     b->inv_r2[k] = (peri_real)(1 / r2);
     w = peri__kernel(make->def, sqrt(r2) / b->spacing, b->horizon);
     b->weight[k] = (peri_real)(w * (double)b->volume[i] * (double)b->volume[b->col[k]]);
-    if (b->gain) {
-        double sum = 0;
-        for (a = 0; a < 3; a++) {
-            double d = 0;
-            for (c = 0; c < 3; c++) d += (double)b->matter.m.direction[3 * c + a] * (double)b->xi[c][k];
-            sum += d * d * (double)b->matter.m.strength[a] * (double)b->matter.m.strength[a];
-        }
-        b->gain[k] = (peri_real)sqrt(sum / r2);
-    }
+    for (c = 0; c < 3; c++) along[c] = (double)b->xi[c][k];
+    if (b->gain) b->gain[k] = (peri_real)peri__bond_gain(b, make, i, along, r2);
+    if (b->far_gain) b->far_gain[k] = (peri_real)peri__bond_gain(b, make, b->col[k], along, r2);
 }
 
 /* Pseudo-inverse of the shape tensor k (Voigt) of at most `most` dimensions; returns its rank. normal: the direction of
@@ -2766,8 +2814,11 @@ static int peri__family_make(peri__body *b, int i) {
     if (peri__pseudo_inverse(tensor, b->normal ? 2 : 3, b->shape + 6 * (size_t)i,
                              b->normal ? b->normal + 3 * (size_t)i : NULL) < 3)
         flags |= PERI__FLAT | PERI__SURFACE;
-    if (b->plate) peri__plate_make(&b->bonds, i, b->rigidity, (double)b->matter.m.poisson,
-                                   b->plate + PERI__PLATE * (size_t)i);
+    if (b->plate) {
+        const peri_material *own = &peri__matter_of(&b->bonds, &b->matter, i)->m;
+        double nu = (double)own->poisson, stiff = (double)own->young * (double)peri__firmness(&b->bonds, i);
+        peri__plate_make(&b->bonds, i, b->rigidity * stiff / (1 - nu * nu), nu, b->plate + PERI__PLATE * (size_t)i);
+    }
     /* bonds to one side only: on a face of a lattice 0.5, inside of scattered points below 0.1 */
     if (!(lean[0] * lean[0] + lean[1] * lean[1] + lean[2] * lean[2] < 0.15 * 0.15 * arm * arm)) flags |= PERI__SURFACE;
     if (!b->moment) return flags;
@@ -2836,6 +2887,10 @@ static void peri__bonds_view(peri__body *b) {
     v->moment = b->moment;
     v->normal = b->normal;
     v->plate = b->plate;
+    v->matters = b->matters;
+    v->kind = b->kind;
+    v->factor = b->firmness;
+    v->far_gain = b->far_gain;
     v->unit = b->spacing * b->spacing * b->spacing;
 }
 
@@ -2845,15 +2900,28 @@ static double peri__default_volume(const peri_body_def *d) {
     return spacing * spacing * (d->form == PERI_FORM_SHEET ? (double)d->thickness : spacing);
 }
 
+/* Materials and stiffness of every particle, where they differ. */
+static void peri__maps_make(peri_world *w, peri__body *b, const peri_body_def *d) {
+    int k;
+    if (b->matters) b->matters[0] = b->matter;
+    for (k = 0; b->matters && k < d->material_count; k++)
+        peri__matter_make(&((peri__stored_material *)(void *)peri__slot_at(&w->materials,
+                                                                          (int)d->materials[k].index1 - 1))->m,
+                          b->form == PERI_FORM_SHEET, &b->matters[k + 1]);
+    if (b->kind) memcpy(b->kind, d->material_of, (size_t)b->count);
+    if (b->firmness) memcpy(b->firmness, d->stiffness, (size_t)b->count * sizeof *b->firmness);
+}
+
 /* Fills the block of a body: rows, bonds, families. flags: of its particles, out. */
 static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *make, unsigned char *flags) {
     peri__fill fill;
     double square;
     int i, c, closest;
-    b->block_bytes = peri__block_layout(b, NULL, make->bonds);
+    b->block_bytes = peri__block_layout(b, NULL, make);
     b->block = peri__world_resize(NULL, 0, b->block_bytes, w);
     if (!b->block) return peri__no_memory(w, b->block_bytes);
-    peri__block_layout(b, (char *)b->block, make->bonds);
+    peri__block_layout(b, (char *)b->block, make);
+    peri__maps_make(w, b, make->def);
     b->row[0] = 0;
     for (i = 0; i < b->count; i++) {
         double own = peri__default_volume(make->def), cube = b->spacing * b->spacing * b->spacing;
@@ -2904,30 +2972,6 @@ static peri_result peri__check_quat(const char *name, peri_quat q, peri_error *e
                       (double)q.x, (double)q.y, (double)q.z, (double)q.w, sqrt(n2));
 }
 
-/* Rotation matrix (rows) of a quaternion, normalised. */
-static void peri__quat_matrix(peri_quat q, double r[9]) {
-    double x = (double)q.x, y = (double)q.y, z = (double)q.z, w = (double)q.w, s = 2 / (x * x + y * y + z * z + w * w);
-    r[0] = 1 - s * (y * y + z * z); r[1] = s * (x * y - w * z); r[2] = s * (x * z + w * y);
-    r[3] = s * (x * y + w * z); r[4] = 1 - s * (x * x + z * z); r[5] = s * (y * z - w * x);
-    r[6] = s * (x * z - w * y); r[7] = s * (y * z + w * x); r[8] = 1 - s * (x * x + y * y);
-}
-
-static void peri__apply(const double r[9], const double *v, double *out) {
-    int c;
-    for (c = 0; c < 3; c++) out[c] = r[3 * c] * v[0] + r[3 * c + 1] * v[1] + r[3 * c + 2] * v[2];
-}
-
-static void peri__apply_back(const double r[9], const double *v, double *out) {
-    int c;
-    for (c = 0; c < 3; c++) out[c] = r[c] * v[0] + r[3 + c] * v[1] + r[6 + c] * v[2];
-}
-
-static void peri__cross(const double *a, const double *b, double *out) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 static void peri__vec(peri_vec3 v, double out[3]) {
     out[0] = (double)v.x;
     out[1] = (double)v.y;
@@ -2946,6 +2990,84 @@ static peri_result peri__check_body_arrays(const peri_body_def *d, peri_error *e
     return bad;
 }
 
+/* Do two bases have the same value everywhere, for the same reason? */
+static int peri__basis_same(const peri_basis *a, const peri_basis *b) {
+    int k, same = a->user == b->user && a->context == b->context && !(a->svk < b->svk) && !(a->svk > b->svk);
+    for (k = 0; k < PERI_BASIS_MAX; k++)
+        same = same && !(a->a[k] < b->a[k]) && !(a->a[k] > b->a[k]) && !(a->b[k] < b->b[k]) && !(a->b[k] > b->b[k]);
+    return same;
+}
+
+static const peri_material *peri__material_find(const peri_world *w, peri_material_id id) {
+    peri__slot *slot = peri__slot_find(&w->materials, id.index1, id.generation);
+    return slot ? &((peri__stored_material *)(void *)slot)->m : NULL;
+}
+
+/* The further materials of a body and who is made of them. */
+static peri_result peri__check_materials(const peri_world *w, const peri_body_def *d, peri_error *err) {
+    const peri_material *first = peri__material_find(w, d->material), *m;
+    int k;
+    if (d->material_count < 0 || d->material_count > 255)
+        return peri__fail(err, PERI_ERROR_VALUE, "material_count is %d; it must lie between 0 and 255",
+                          d->material_count);
+    if (d->material_count && !d->materials)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "materials is NULL, but material_count is %d", d->material_count);
+    for (k = 0; k < d->material_count; k++) {
+        m = peri__material_find(w, d->materials[k]);
+        if (!m)
+            return peri__fail(err, PERI_ERROR_ID, "materials[%d], (%u, %u), does not exist in this world", k,
+                              (unsigned)d->materials[k].index1, (unsigned)d->materials[k].generation);
+        if (m->model != first->model)
+            return peri__fail(err, PERI_ERROR_ARGUMENT,
+                              "materials[%d] is of the %s model and material of the %s model: a body has one model", k,
+                              peri__model(m->model)->name, peri__model(first->model)->name);
+        if (m->model == PERI_MODEL_STRETCH && !peri__basis_same(&m->h, &first->h))
+            return peri__fail(err, PERI_ERROR_ARGUMENT,
+                              "materials[%d] has another h than material: in the stretch model g, ls and ms may differ "
+                              "within a body, h may not (the correspondence model takes any)", k);
+    }
+    for (k = 0; k < d->count && d->material_of; k++)
+        if (d->material_of[k] > d->material_count)
+            return peri__fail(err, PERI_ERROR_INDEX, "material_of[%d] is %d, but material_count is %d", k,
+                              d->material_of[k], d->material_count);
+    return PERI_OK;
+}
+
+/* Is a material of the body anisotropic? */
+static int peri__any_anisotropic(const peri_world *w, const peri_body_def *d) {
+    const peri_material *m = peri__material_find(w, d->material);
+    int k, any = m->anisotropic;
+    for (k = 0; k < d->material_count && d->material_of; k++)
+        any = any || peri__material_find(w, d->materials[k])->anisotropic;
+    return any && m->model == PERI_MODEL_STRETCH;
+}
+
+/* What differs from particle to particle. */
+static peri_result peri__check_maps(const peri_world *w, const peri_body_def *d, peri_error *err) {
+    int i, a, b, c;
+    peri_result bad = peri__check_materials(w, d, err);
+    for (i = 0; i < d->count && d->stiffness && !bad; i++)
+        if (!((double)d->stiffness[i] >= 0.99e-6 && (double)d->stiffness[i] <= 1.01e6))
+            bad = peri__fail(err, PERI_ERROR_VALUE, "stiffness[%d] is %g; it must lie between 1e-6 and 1e6", i,
+                             (double)d->stiffness[i]);
+    if (!bad && d->directions && !peri__any_anisotropic(w, d))
+        bad = peri__fail(err, PERI_ERROR_ARGUMENT,
+                         "directions are given, but no material of the body is anisotropic (stretch model, "
+                         "anisotropic = 1)");
+    for (i = 0; i < d->count && d->directions && !bad; i++)
+        for (a = 0; a < 3 && !bad; a++)
+            for (b = a; b < 3 && !bad; b++) {
+                const peri_real *r = d->directions + 9 * (size_t)i;
+                double dot = a == b ? -1 : 0;
+                for (c = 0; c < 3; c++) dot += (double)r[3 * c + a] * (double)r[3 * c + b];
+                if (!(fabs(dot) < 1e-3))
+                    bad = peri__fail(err, PERI_ERROR_VALUE,
+                                     "directions of particle %d: columns %d and %d are not orthonormal (off by %g)", i,
+                                     a, b, dot);
+            }
+    return bad;
+}
+
 static peri_result peri__check_body_def(const peri_world *w, const peri_body_def *d, peri_error *err) {
     peri_result bad;
     if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the body's definition is NULL");
@@ -2956,7 +3078,7 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
     if (d->count > w->def.max_particles - w->particles)
         return peri__fail(err, PERI_ERROR_LIMIT, "%d particles and %d more pass max_particles = %d of the world",
                           w->particles, d->count, w->def.max_particles);
-    if (!peri__slot_find(&w->materials, d->material.index1, d->material.generation))
+    if (!peri__material_find(w, d->material))
         return peri__fail(err, PERI_ERROR_ID, "material (%u, %u) does not exist in this world",
                           (unsigned)d->material.index1, (unsigned)d->material.generation);
     bad = peri__check_range("spacing", (double)d->spacing, 1e-9, 1e9, err);
@@ -2974,7 +3096,14 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
     if (!bad) bad = peri__finite_vec("velocity", d->velocity, err);
     if (!bad) bad = peri__finite_vec("spin", d->spin, err);
     if (!bad) bad = peri__check_quat("rotation", d->rotation, err);
-    return bad ? bad : peri__check_body_arrays(d, err);
+    if (!bad) bad = peri__check_body_arrays(d, err);
+    return bad ? bad : peri__check_maps(w, d, err);
+}
+
+/* What particle i gives to the stiffness of a bond of the given gain, Pa. */
+static double peri__end_stiffness(const peri__body *b, int i, double gain) {
+    const peri__matter *m = b->matters ? b->matters + b->kind[i] : &b->matter;
+    return (m->stiffness_g + gain * m->stiffness_h) * (b->firmness ? (double)b->firmness[i] : 1);
 }
 
 /* What bending adds to a bond's stiffness, Pa: the second derivative of its own term; by the fit the plate is softer. */
@@ -2986,10 +3115,15 @@ static double peri__bend_stiffness(const peri__body *b, int i, int k) {
 
 /* Stiffness of bond k of particle i in the constant matrix (PP section 4.1, SH (23)), N/m. */
 static double peri__bond_stiffness(const peri__body *b, int i, int k) {
-    double gain = b->gain ? (double)b->gain[k] : 1;
-    return b->spacing * b->spacing * b->spacing *
-           (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[b->col[k]])) *
-           (b->matter.stiffness_g + gain * b->matter.stiffness_h + peri__bend_stiffness(b, i, k));
+    double gain = b->gain ? (double)b->gain[k] : 1, cube = b->spacing * b->spacing * b->spacing, both;
+    int j = b->col[k];
+    if (!b->matters && !b->firmness && !b->far_gain)
+        return cube * (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[j])) *
+               (b->matter.stiffness_g + gain * b->matter.stiffness_h + peri__bend_stiffness(b, i, k));
+    both = (double)b->share[i] * peri__end_stiffness(b, i, gain) +
+           (double)b->share[j] * peri__end_stiffness(b, j, b->far_gain ? (double)b->far_gain[k] : gain);
+    both += peri__bend_stiffness(b, i, k) * (double)(b->share[i] + b->share[j]);
+    return cube * (double)(b->weight[k] * b->inv_r2[k]) * both;
 }
 
 /* State of the new particles: called when nothing can fail any more. */
@@ -3002,7 +3136,8 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
     peri__vec(d->velocity, velocity);
     b->mass = 0;
     for (i = 0; i < (size_t)b->count; i++) {
-        double m = (double)b->matter.m.density * b->bonds.unit * (double)b->volume[i];
+        const peri__matter *matter = b->matters ? b->matters + b->kind[i] : &b->matter;
+        double m = (double)matter->m.density * b->bonds.unit * (double)b->volume[i];
         w->mass[(size_t)b->first + i] = (peri_real)m;
         b->mass += m;
         for (c = 0; c < 3; c++) centre[c] += m * make->x[3 * i + (size_t)c];
@@ -3033,7 +3168,7 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
 /* Everything of a new body that can fail, into *b; on failure nothing is left behind. */
 static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *make, unsigned char **flags) {
     const peri_body_def *d = make->def;
-    double turn[9], move[3], p[3];
+    double move[3], p[3];
     unsigned wants = PERI__WANT_STATE | PERI__WANT_SOLVE | PERI__WANT_LBFGS;
     peri_result bad;
     int i, c;
@@ -3042,11 +3177,11 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
     if (!make->x) return peri__no_memory(w, make->x_bytes);
     *flags = (unsigned char *)peri__world_resize(NULL, 0, (size_t)d->count, w);
     if (!*flags) return peri__no_memory(w, (size_t)d->count);
-    peri__quat_matrix(d->rotation, turn);
+    peri__quat_matrix(d->rotation, make->turn);
     peri__vec(d->position, move);
     for (i = 0; i < d->count; i++) {
         for (c = 0; c < 3; c++) p[c] = (double)d->points[3 * (size_t)i + (size_t)c];
-        peri__apply(turn, p, make->x + 3 * (size_t)i);
+        peri__apply(make->turn, p, make->x + 3 * (size_t)i);
         for (c = 0; c < 3; c++) make->x[3 * (size_t)i + (size_t)c] += move[c];
     }
     /* strictly inside the horizon, and clear of rounding where a lattice distance equals it */
@@ -3071,12 +3206,6 @@ static const peri__bonds *peri__view(const peri_world *w, peri__body *b) {
     return &b->bonds;
 }
 
-/* D/t of a sheet, Pa m^2. */
-static double peri__plate_rigidity(const peri_body_def *d, const peri_material *m) {
-    double t = (double)d->thickness, nu = (double)m->poisson;
-    return (double)d->bending * (double)m->young * t * t / (12 * (1 - nu * nu));
-}
-
 peri_material_id peri_material_create(peri_world *w, const peri_material *material) {
     peri_material_id id = {0, 0};
     peri__stored_material *slot;
@@ -3099,7 +3228,6 @@ peri_material_id peri_material_create(peri_world *w, const peri_material *materi
 peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
     peri_body_id id = {0, 0};
     peri__body b, *slot = NULL;
-    const peri__stored_material *material;
     peri__making make;
     unsigned char *flags = NULL;
     peri_result bad;
@@ -3115,10 +3243,11 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         make.def = d;
         b.first = w->particles;
         b.count = d->count;
-        material = (peri__stored_material *)(void *)peri__slot_at(&w->materials, (int)d->material.index1 - 1);
-        peri__matter_make(&material->m, d->form == PERI_FORM_SHEET, &b.matter);
         b.form = d->form;
-        if (d->form == PERI_FORM_SHEET) b.rigidity = peri__plate_rigidity(d, &material->m);
+        peri__matter_make(peri__material_find(w, d->material), d->form == PERI_FORM_SHEET, &b.matter);
+        make.anisotropic = peri__any_anisotropic(w, d);
+        if (d->form == PERI_FORM_SHEET)
+            b.rigidity = (double)d->bending * (double)d->thickness * (double)d->thickness / 12;
         b.spacing = (double)d->spacing;
         b.horizon = (double)d->horizon;
         b.radius = (double)d->contact_radius * b.spacing;
@@ -4567,7 +4696,8 @@ static void peri__health_task(int begin, int end, void *context) {
         }
         peri__gradient(p->bonds, x, i, f);
         if (correspondence) peri__strain(p->bonds, x, i, h);
-        mode[i] = peri__unhealthy(&p->b->matter, f, correspondence ? h : NULL, fhat) ? PERI__RESTORED : PERI__MAIN;
+        mode[i] = peri__unhealthy(peri__matter_of(p->bonds, &p->b->matter, i), f, correspondence ? h : NULL, fhat)
+                      ? PERI__RESTORED : PERI__MAIN;
         for (k = 0; k < 9 && p->fill; k++) p->w->special[9 * (size_t)(p->b->first + i) + (size_t)k] = fhat[k];
     }
 }

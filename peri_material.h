@@ -597,6 +597,10 @@ typedef struct peri__bonds {
     const unsigned char *mode;      /* n: a peri__mode each */
     peri_real *special;             /* 9 n: of particles whose mode is not PERI__MAIN (NULL: there are none) */
     double unit;                    /* d^3 */
+    const struct peri__matter *matters; /* of a body of several materials, else NULL: */
+    const unsigned char *kind;          /* which of them a particle is made of */
+    const peri_real *factor;        /* on a particle's stiffness, or NULL: 1 */
+    const peri_real *far_gain;      /* G(n) of the bond's other end, where it may differ from gain; or NULL */
 } peri__bonds;
 
 typedef enum peri__mode {
@@ -677,9 +681,17 @@ static void peri__gradient(const peri__bonds *b, const double *x, int i, double 
     peri_mul3(g, k, f);
 }
 
+/* What particle i is made of; m: the body's first material. */
+static const peri__matter *peri__matter_of(const peri__bonds *b, const peri__matter *m, int i) {
+    return b->matters ? b->matters + b->kind[i] : m;
+}
+
+static peri_real peri__firmness(const peri__bonds *b, int i) { return b->factor ? b->factor[i] : 1; }
+
 /* Each model has three functions. `local` gathers what a particle passes to its neighbours (coef, `stride` reals each)
    and returns the energy (J) of particles begin .. end - 1; `pull` is d(V_i Psi_i)/dy of one bond; `force` gathers both
-   ends' pulls into f (3 n, N; set, not added). */
+   ends' pulls into f (3 n, N; set, not added). m is the body's first material: what a particle's own material says of
+   its energy goes through coef, so that `force` need not know what its neighbours are made of. */
 
 typedef double peri__local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                            peri_real *coef, int energy);
@@ -692,9 +704,10 @@ typedef void peri__force(const peri__bonds *b, const peri__matter *m, const doub
 /* coef: unit c ls g'(theta), unit c ms. */
 static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, const double *x, int i, peri_real *coef,
                                 int energy) {
-    peri_real sum = 0, theta_e, c = (peri_real)b->unit * b->share[i];
+    peri_real sum = 0, theta_e, factor = peri__firmness(b, i), c = (peri_real)b->unit * b->share[i] * factor;
     double slope = 0, value, bonds = 0;
     int k;
+    m = peri__matter_of(b, m, i);
     for (k = b->row[i]; k < b->row[i + 1]; k++) {
         peri__bond o;
         peri_real tau;
@@ -713,7 +726,7 @@ static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, con
     coef[0] = c * m->m.ls * (peri_real)slope;
     coef[1] = c * m->m.ms;
     bonds *= (double)(b->share[i] / b->volume[i]) * (double)m->m.ms;
-    return energy ? b->unit * (double)b->volume[i] * (bonds + (double)m->m.ls * value) : 0;
+    return energy ? b->unit * (double)(b->volume[i] * factor) * (bonds + (double)m->m.ls * value) : 0;
 }
 
 static double peri__stretch_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
@@ -748,6 +761,10 @@ static void peri__stretch_force(const peri__bonds *b, const peri__matter *m, con
             peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
             both[0] = ci[0] + cj[0];
             both[1] = ci[1] + cj[1];
+            if (b->far_gain) {
+                both[1] = ci[1] * o.gain + cj[1] * b->far_gain[k];
+                o.gain = 1;
+            }
             peri__stretch_pull(m, both, &o, t);
             sum[0] += t[0];
             sum[1] += t[1];
@@ -840,11 +857,13 @@ static double peri__strain(const peri__bonds *b, const double *x, int i, double 
 
 static double peri__correspondence_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin,
                                          int end, peri_real *coef, int energy) {
-    double sum = 0, h[6], fit[6], dpsi[6], l[6], misfit, psi, t = (double)m->stabiliser;
+    double sum = 0, h[6], fit[6], dpsi[6], l[6], misfit, psi;
     int i, c;
     for (i = begin; i < end; i++) {
         peri_real *out = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)i;
-        double scale = b->unit * (double)b->share[i];
+        const peri__matter *own = peri__matter_of(b, m, i);
+        double factor = (double)peri__firmness(b, i), scale = b->unit * (double)b->share[i] * factor;
+        double t = (double)own->stabiliser;
         if (b->mode[i] != PERI__MAIN) {
             for (c = 0; c < PERI__CORRESPONDENCE_STRIDE; c++) out[c] = 0;
             continue;
@@ -852,16 +871,16 @@ static double peri__correspondence_local(const peri__bonds *b, const peri__matte
         misfit = peri__strain(b, x, i, h);
         if (b->normal) {
             memcpy(fit, h, sizeof fit);
-            psi = peri__law_plane(&m->m, b->normal + 3 * (size_t)i, h, dpsi);
+            psi = peri__law_plane(&own->m, b->normal + 3 * (size_t)i, h, dpsi);
             memcpy(h, fit, sizeof fit);
         } else {
-            psi = peri_law_value(&m->m, h, dpsi);
+            psi = peri_law_value(&own->m, h, dpsi);
         }
         for (c = 3; c < 6; c++) dpsi[c] *= 2;
         peri__packed6(b->moment + 21 * (size_t)i, dpsi, l);
         for (c = 0; c < 6; c++) out[c] = (peri_real)(scale * (l[c] - t / 2 * h[c]));
         out[6] = (peri_real)(scale * t / 2);
-        if (energy) sum += b->unit * (double)b->volume[i] * (psi + t / 4 * misfit);
+        if (energy) sum += b->unit * (double)b->volume[i] * factor * (psi + t / 4 * misfit);
     }
     return sum;
 }
@@ -906,7 +925,7 @@ static void peri__correspondence_force(const peri__bonds *b, const peri__matter 
    at fixed targets is sum omega [a |y/r - dir(Fbar n)|^2 + b/2 (tau - 1)^2], which is the energy reported (equal to
    PP (8) for affine maps). */
 
-#define PERI__PROJECTIVE_STRIDE 10  /* Fbar, unit c */
+#define PERI__PROJECTIVE_STRIDE 11  /* Fbar, unit c 2 a, unit c b */
 
 /* F xi / |F n|: where the local step wants the bond's other end, r dir(F xi). */
 static void peri__projective_target(const peri_real *f, const peri__bond *o, peri_real d[3]) {
@@ -921,9 +940,9 @@ static void peri__projective_target(const peri_real *f, const peri__bond *o, per
     for (c = 0; c < 3; c++) d[c] *= inverse;
 }
 
-static double peri__projective_energy(const peri__bonds *b, const peri__matter *m, const double *x, int i,
-                                      const peri_real *f) {
-    double sum = 0, a = (double)m->m.a, half_b = (double)m->m.b / 2;
+/* f: the particle's coefficients. */
+static double peri__projective_energy(const peri__bonds *b, const double *x, int i, const peri_real *f) {
+    double sum = 0, a = (double)f[9] / 2, half_b = (double)f[10] / 2;
     int k, c;
     for (k = b->row[i]; k < b->row[i + 1]; k++) {
         peri__bond o;
@@ -935,52 +954,58 @@ static double peri__projective_energy(const peri__bonds *b, const peri__matter *
         e = (double)(o.dq / (1 + peri__tau(&o)));
         sum += (double)o.weight * (a * (double)(square * o.inv_r2) + half_b * e * e);
     }
-    return sum * b->unit * (double)b->share[i];
+    return sum;
 }
 
 static double peri__projective_local(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                                      peri_real *coef, int energy) {
-    double sum = 0, f[9];
+    double sum = 0, f[9], scale;
     int i, c;
     for (i = begin; i < end; i++) {
         peri_real *out = coef + PERI__PROJECTIVE_STRIDE * (size_t)i;
+        const peri__matter *own;
         if (b->mode[i] != PERI__MAIN) {
             for (c = 0; c < PERI__PROJECTIVE_STRIDE; c++) out[c] = 0;
             continue;
         }
         peri__gradient(b, x, i, f);
         for (c = 0; c < 9; c++) out[c] = (peri_real)f[c];
-        out[9] = (peri_real)(b->unit * (double)b->share[i]);
-        if (energy) sum += peri__projective_energy(b, m, x, i, out);
+        own = peri__matter_of(b, m, i);
+        scale = b->unit * (double)b->share[i] * (double)peri__firmness(b, i);
+        out[9] = (peri_real)(scale * 2 * (double)own->m.a);
+        out[10] = (peri_real)(scale * (double)own->m.b);
+        if (energy) sum += peri__projective_energy(b, x, i, out);
     }
     return sum;
 }
 
 static void peri__projective_pull(const peri__matter *m, const peri_real *coef, const peri__bond *o, peri_real t[3]) {
-    peri_real d[3], scale = coef[9] * o->weight * o->inv_r2, along = 2 * m->m.a + m->m.b - m->m.b / peri__tau(o);
+    peri_real d[3], scale = o->weight * o->inv_r2, along = coef[9] + coef[10] - coef[10] / peri__tau(o);
     int c;
+    (void)m;
     peri__projective_target(coef, o, d);
-    for (c = 0; c < 3; c++) t[c] = scale * (along * o->y[c] - 2 * m->m.a * d[c]);
+    for (c = 0; c < 3; c++) t[c] = scale * (along * o->y[c] - coef[9] * d[c]);
 }
 
 /* Both ends' pulls at once: the part along y is shared. */
 static void peri__projective_force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                                    const peri_real *coef, peri_real *f) {
-    peri_real two_a = 2 * m->m.a;
     int i, k, c;
+    (void)m;
     for (i = begin; i < end; i++) {
         const peri_real *ci = coef + PERI__PROJECTIVE_STRIDE * (size_t)i;
         peri_real sum[3] = {0, 0, 0}, di[3], dj[3];
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
             const peri_real *cj = coef + PERI__PROJECTIVE_STRIDE * (size_t)b->col[k];
             peri__bond o;
-            peri_real scale, along;
+            peri_real scale, along, both;
             peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
             peri__projective_target(ci, &o, di);
             peri__projective_target(cj, &o, dj);
             scale = o.weight * o.inv_r2;
-            along = (ci[9] + cj[9]) * (two_a + m->m.b - m->m.b / peri__tau(&o));
-            for (c = 0; c < 3; c++) sum[c] += scale * (along * o.y[c] - two_a * (ci[9] * di[c] + cj[9] * dj[c]));
+            both = ci[10] + cj[10];
+            along = ci[9] + cj[9] + both - both / peri__tau(&o);
+            for (c = 0; c < 3; c++) sum[c] += scale * (along * o.y[c] - (ci[9] * di[c] + cj[9] * dj[c]));
         }
         for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] = sum[c];
     }
@@ -1019,7 +1044,9 @@ static void peri__restored_pull(const peri__matter *m, const peri_real *fhat, pe
 static void peri__special_pull(const peri__bonds *b, const peri__matter *m, int i, const peri__bond *o,
                                peri_real t[3]) {
     const peri_real *special = b->special + 9 * (size_t)i;
-    if (b->mode[i] == PERI__RESTORED) peri__restored_pull(m, special, (peri_real)b->unit * b->share[i], o, t);
+    m = peri__matter_of(b, m, i);
+    if (b->mode[i] == PERI__RESTORED)
+        peri__restored_pull(m, special, (peri_real)b->unit * b->share[i] * peri__firmness(b, i), o, t);
     else peri__stretch_pull(m, special, o, t);
 }
 
@@ -1039,7 +1066,8 @@ PERI__SHARED double peri__special_local(const peri__bonds *b, const peri__matter
             if (!(o.weight > 0)) continue;
             /* |t|^2 / (4 k c s / r^2) is this bond's energy */
             sum += (double)(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) /
-                   (4 * (double)m->restore * b->unit * (double)(b->share[i] * o.weight * o.inv_r2));
+                   (4 * (double)(peri__matter_of(b, m, i)->restore * peri__firmness(b, i)) * b->unit *
+                    (double)(b->share[i] * o.weight * o.inv_r2));
         }
     }
     return sum;
