@@ -244,6 +244,10 @@ PERI_DEF peri_body_def peri_default_body_def(void);
    correspondence and stretch models have the material's moduli in plane stress, the projective model has Young's modulus
    and Poisson's ratio 1/3 there. A clamp acts half way between its last two rows of fixed particles. */
 PERI_DEF peri_body_def peri_default_sheet_def(peri_real thickness);
+/* The same for a round rod of this diameter (m, at most one spacing). Its points must be about a spacing apart, as
+   peri_sample_line makes them. Of the material a rod takes E, nu and the density; horizon and kernel are its own. A fixed
+   particle of a rod is a clamp: its section is held. */
+PERI_DEF peri_body_def peri_default_rod_def(peri_real diameter);
 
 /* A material that bodies refer to; a copy is kept. Null id on error. */
 PERI_DEF peri_material_id peri_material_create(peri_world *world, const peri_material *material);
@@ -597,6 +601,7 @@ PERI_DEF peri_result peri_world_draw(peri_world *world, const peri_draw *draw);
 
 #define PERI__GRAIN 256 /* particles in a piece of a parallel loop; fixed, so that results do not depend on it */
 #define PERI__HORIZON_MAX 6
+#define PERI__GHOSTS 4  /* around every point of a rod */
 
 /* Things with ids live in slots; every one begins with this. */
 typedef struct peri__slot {
@@ -620,6 +625,7 @@ typedef struct peri__grid {
     int cells[3];
     double lower[3], upper[3], inv_size;
     int *start, *order, most;   /* most: cells that there is room for */
+    int stations, closed;       /* of a rod: only particles of neighbouring stations are near; else 0 */
     size_t start_bytes, order_bytes;
 } peri__grid;
 
@@ -633,6 +639,8 @@ typedef struct peri__body {
     int *row, *col;             /* the same arrays, writable while they are made */
     peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment, *normal, *plate;
     peri_form form;
+    double fibre[2];            /* of a rod: what ghosts' and points' fibres add to the cage, N */
+    int stations, closed;       /* points of a rod, before its ghosts in the particle range; else 0 */
     double rigidity;            /* of a sheet: bending t^2/12, m^2; times E/(1 - nu^2) it is D/t */
     peri__matter *matters;      /* body of several materials: all of them, */
     unsigned char *kind;        /* and which a particle is made of; else NULL */
@@ -1037,7 +1045,7 @@ static peri__body *peri__body_find(const peri_world *w, peri_body_id id) {
 }
 
 /* Particles that the user knows of. */
-static int peri__real_count(const peri__body *b) { return b->count; }
+static int peri__real_count(const peri__body *b) { return b->stations ? b->stations : b->count; }
 
 static peri_result peri__no_body(peri_world *w, peri_body_id id) {
     if (!w) return PERI_ERROR_ARGUMENT;
@@ -2587,6 +2595,15 @@ static void peri__grid_fill(peri__grid *g, const double *x, const int *list, int
     g->start[0] = 0;
 }
 
+/* Particle i of a rod of n stations: the points first, then the ghosts of each. */
+static int peri__station(int n, int i) { return i < n ? i : (i - n) / PERI__GHOSTS; }
+
+static int peri__stations_apart(const peri__grid *g, int i, int j) {
+    int away = peri__station(g->stations, i) - peri__station(g->stations, j);
+    if (away < 0) away = -away;
+    return away > 1 && !(g->closed && away == g->stations - 1);
+}
+
 /* Neighbours of point i closer than reach, ascending, into out (NULL: counted only). Returns their number; *closest is
    the nearest one and its squared distance. */
 static int peri__grid_near(const peri__grid *g, const double *x, int i, double reach, int *out, int *closest,
@@ -2608,6 +2625,7 @@ static int peri__grid_near(const peri__grid *g, const double *x, int i, double r
                     const double *q = x + 3 * (size_t)j;
                     double dx = q[0] - p[0], dy = q[1] - p[1], dz = q[2] - p[2], r2 = dx * dx + dy * dy + dz * dz;
                     if (j == i || r2 >= reach * reach) continue;
+                    if (g->stations && peri__stations_apart(g, i, j)) continue;
                     if (r2 < *square) *square = r2, *closest = j;
                     if (out) {
                         for (m = count; m > 0 && out[m - 1] > j; m--) out[m] = out[m - 1];
@@ -2638,6 +2656,8 @@ static void peri__apply_back(const double r[9], const double *v, double *out) {
     int c;
     for (c = 0; c < 3; c++) out[c] = r[c] * v[0] + r[3 + c] * v[1] + r[6 + c] * v[2];
 }
+
+static double peri__dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static void peri__cross(const double *a, const double *b, double *out) {
     out[0] = a[1] * b[2] - a[2] * b[1];
@@ -2670,6 +2690,9 @@ typedef struct peri__making {
     double turn[9];         /* points as given to the world's frame */
     int bonds;
     int anisotropic;        /* a material of the body is: bonds have a gain */
+    const peri_body_def *given; /* the user's definition; def may be a rod's with its ghosts */
+    void *rod;
+    size_t rod_bytes;
 } peri__making;
 
 /* A body's constant arrays lie in one block; called with base NULL it only counts. */
@@ -2897,7 +2920,149 @@ static void peri__bonds_view(peri__body *b) {
 /* Volume of a particle that is given none, m^3. */
 static double peri__default_volume(const peri_body_def *d) {
     double spacing = (double)d->spacing;
-    return spacing * spacing * (d->form == PERI_FORM_SHEET ? (double)d->thickness : spacing);
+    if (d->form == PERI_FORM_SHEET) return spacing * spacing * (double)d->thickness;
+    return spacing * spacing * spacing;
+}
+
+/* ---- rods: a cage of four ghosts around every point, half a spacing away, with bonds of the linear stretch model
+   between neighbouring stations, of different gain. Diagonals bear the twist; the fibres along the rod, through the
+   ghosts and through the points, are as stiff as bending and stretch still need. Whatever the material's model, a rod is
+   elastic in these three: E A, E I, G J = 2 G I of a round section. What the cage without fibres bears of them was
+   measured by static solutions, in S d^2, S d^4, S d^4 for ms = S (test_rods checks the whole): */
+
+#define PERI__ROD_STRETCH 1.0795
+#define PERI__ROD_BEND 0.06441
+#define PERI__ROD_TWIST 0.063492
+
+/* What a rod is made of: the stretch model with ms such that the cage's twist is right. */
+static void peri__rod_material(const peri_body_def *d, peri_material *m) {
+    double t = (double)d->thickness, spacing = (double)d->spacing, inertia = 3.14159265358979324 / 64 * t * t * t * t;
+    double shear = (double)m->young / (2 * (1 + (double)m->poisson)), d4 = spacing * spacing * spacing * spacing;
+    double s = 2 * shear * inertia / (PERI__ROD_TWIST * d4);
+    peri_real restore = m->restore, density = m->density, low = m->healthy_min, high = m->healthy_max;
+    *m = peri_material_linear(m->young, m->poisson, density);
+    m->restore = restore;
+    m->healthy_min = low;
+    m->healthy_max = high;
+    m->ls = 0;
+    m->ms = (peri_real)s;
+    m->mu = (peri_real)(s / 7.5);
+}
+
+/* Force per strain that the ghosts' and the points' fibres must add to the cage's, N. */
+static void peri__rod_fibres(const peri__body *b, const peri_body_def *d, double fibre[2]) {
+    double t = (double)d->thickness, pi = 3.14159265358979324, spacing = b->spacing, arm = spacing / 2;
+    double young = (double)b->matter.m.young, s = (double)b->matter.m.ms, area = pi / 4 * t * t;
+    double bend = (double)d->bending * young * pi / 64 * t * t * t * t;
+    fibre[0] = (bend - PERI__ROD_BEND * s * spacing * spacing * spacing * spacing) / (2 * arm * arm);
+    if (fibre[0] < 0) fibre[0] = 0;
+    fibre[1] = young * area - PERI__ROD_STRETCH * s * spacing * spacing - PERI__GHOSTS * fibre[0];
+    if (fibre[1] < 0) fibre[1] = 0;
+}
+
+/* Gain of the bond from particle i to j: fibres by what they must bear; the diagonals between neighbouring ghosts' lines
+   bear the twist; stiff bonds keep a section in shape; weak ones tie it to the line. */
+static double peri__rod_gain(const peri__body *b, int i, int j, double fibre_gain) {
+    int n = b->stations, a = (i - n) % PERI__GHOSTS, c = (j - n) % PERI__GHOSTS;
+    if (peri__station(n, i) == peri__station(n, j)) return 10;
+    if (i < n && j < n) return fibre_gain;
+    if (i < n || j < n) return 0.05;
+    return a == c ? fibre_gain : (a - c) % 2 ? 1 : 0;
+}
+
+static void peri__rod_gains(peri__body *b) {
+    double cube = b->spacing * b->spacing * b->spacing;
+    int i, k;
+    for (i = 0; i < b->count; i++)
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            double bond = (double)b->matter.m.ms * cube *
+                          (double)(b->weight[k] * (b->share[i] + b->share[b->col[k]]));
+            double fibre = b->fibre[i < b->stations] / (2 * bond * sqrt((double)b->inv_r2[k]));
+            b->gain[k] = (peri_real)peri__rod_gain(b, i, b->col[k], fibre);
+        }
+}
+
+/* A unit vector across the unit vector t, as near to v as can be. */
+static void peri__frame_across(const double t[3], const double v[3], double out[3]) {
+    double along = peri__dot3(t, v), length;
+    int c, least = 0;
+    for (c = 0; c < 3; c++) out[c] = v[c] - along * t[c];
+    length = sqrt(peri__dot3(out, out));
+    if (!(length > 1e-3)) {
+        for (c = 1; c < 3; c++)
+            if (fabs(t[c]) < fabs(t[least])) least = c;
+        for (c = 0; c < 3; c++) out[c] = (c == least) - t[least] * t[c];
+        length = sqrt(peri__dot3(out, out));
+    }
+    for (c = 0; c < 3; c++) out[c] /= length;
+}
+
+/* Direction of a line of n points at point i; 0 where it turns back on itself. */
+static int peri__line_tangent(const double *x, int n, int closed, int i, double t[3]) {
+    int before = i > 0 ? i - 1 : closed ? n - 1 : 0, after = i < n - 1 ? i + 1 : closed ? 0 : n - 1, c;
+    double length;
+    for (c = 0; c < 3; c++) t[c] = x[3 * (size_t)after + (size_t)c] - x[3 * (size_t)before + (size_t)c];
+    length = sqrt(peri__dot3(t, t));
+    for (c = 0; c < 3 && length > 0; c++) t[c] /= length;
+    return length > 0;
+}
+
+/* Ghosts of a line of n points, PERI__GHOSTS each, at `arm` from it: frames carried along with the least rotation. */
+static int peri__ghosts_place(const double *x, int n, int closed, double arm, double *ghosts) {
+    double t[3], across[3] = {0, 0, 1}, other[3];
+    int i, c;
+    for (i = 0; i < n; i++, ghosts += 3 * PERI__GHOSTS) {
+        if (!peri__line_tangent(x, n, closed, i, t)) return 0;
+        peri__frame_across(t, across, across);
+        peri__cross(t, across, other);
+        for (c = 0; c < 3; c++) {
+            double centre = x[3 * (size_t)i + (size_t)c];
+            ghosts[c] = centre + arm * across[c];
+            ghosts[3 + c] = centre + arm * other[c];
+            ghosts[6 + c] = centre - arm * across[c];
+            ghosts[9 + c] = centre - arm * other[c];
+        }
+    }
+    return 1;
+}
+
+/* The definition of a rod with its ghosts: a body of 5 n points in memory that is left to the caller. */
+static peri_result peri__rod_expand(peri_world *w, const peri_body_def *d, peri_body_def *rod, peri__making *make) {
+    size_t n = (size_t)d->count, all = n * (1 + PERI__GHOSTS), k;
+    peri_real *points;
+    unsigned char *fixed;
+    double *x;
+    *rod = *d;
+    make->rod_bytes = all * (3 * sizeof(peri_real) + 1) + 3 * all * sizeof(double);
+    make->rod = peri__world_resize(NULL, 0, make->rod_bytes, w);
+    if (!make->rod) return peri__no_memory(w, make->rod_bytes);
+    x = (double *)make->rod;
+    points = (peri_real *)(void *)(x + 3 * all);
+    fixed = (unsigned char *)(points + 3 * all);
+    for (k = 0; k < 3 * n; k++) x[k] = (double)d->points[k];
+    if (!peri__ghosts_place(x, d->count, d->closed, (double)d->spacing / 2, x + 3 * n))
+        return peri__fail(&w->error, PERI_ERROR_GEOMETRY, "the points of the rod turn back on themselves");
+    for (k = 0; k < 3 * all; k++) points[k] = (peri_real)x[k];
+    for (k = 0; k < all; k++) fixed[k] = d->fixed ? d->fixed[peri__station(d->count, (int)k)] : 0;
+    rod->points = points;
+    rod->fixed = fixed;
+    rod->count = (int)all;
+    rod->volumes = NULL;
+    rod->horizon = PERI__R(1.75);
+    rod->kernel = PERI_KERNEL_CONSTANT;
+    rod->partial_volume = 0;
+    return PERI_OK;
+}
+
+/* Mass of particle i of a rod: ghosts have what gives the section its moment of inertia, points the rest, kg. */
+static double peri__rod_mass(const peri__body *b, const peri__making *make, int i) {
+    const peri_body_def *d = make->given;
+    double t = (double)d->thickness, pi = 3.14159265358979324, arm = b->spacing / 2;
+    double usual = pi / 4 * t * t * b->spacing, station;
+    int at = peri__station(b->stations, i);
+    double share = t * t / 8 / (PERI__GHOSTS * arm * arm);      /* rho J / (rho A), J = 2 I, over the ghosts' arms */
+    station = (double)b->matter.m.density * (d->volumes ? (double)d->volumes[at] : usual);
+    return station * (i < b->stations ? 1 - PERI__GHOSTS * share : share);
 }
 
 /* Materials and stiffness of every particle, where they differ. */
@@ -2935,6 +3100,7 @@ static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *
     fill.flags = flags;
     for (fill.phase = 0; fill.phase < 2; fill.phase++)
         peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__fill_task, &fill);
+    if (b->stations) peri__rod_gains(b);
     return PERI_OK;
 }
 
@@ -2964,6 +3130,13 @@ peri_body_def peri_default_sheet_def(peri_real thickness) {
     return d;
 }
 
+peri_body_def peri_default_rod_def(peri_real diameter) {
+    peri_body_def d = peri_default_body_def();
+    d.form = PERI_FORM_ROD;
+    d.thickness = diameter;
+    return d;
+}
+
 static peri_result peri__check_quat(const char *name, peri_quat q, peri_error *err) {
     double n2 = (double)q.x * (double)q.x + (double)q.y * (double)q.y + (double)q.z * (double)q.z +
                 (double)q.w * (double)q.w;
@@ -2979,7 +3152,8 @@ static void peri__vec(peri_vec3 v, double out[3]) {
 }
 
 static peri_result peri__check_body_arrays(const peri_body_def *d, peri_error *err) {
-    double usual = peri__default_volume(d), most = 1e3 * usual, least = 1e-3 * usual;
+    double t = (double)d->thickness, usual = d->form == PERI_FORM_ROD ? 0.785 * t * t * (double)d->spacing
+                                                                     : peri__default_volume(d), most = 1e3 * usual, least = 1e-3 * usual;
     peri_result bad = peri__finite3("points", d->points, d->count, err);
     int i;
     for (i = 0; i < d->count && d->volumes && !bad; i++)
@@ -3068,6 +3242,16 @@ static peri_result peri__check_maps(const peri_world *w, const peri_body_def *d,
     return bad;
 }
 
+static peri_result peri__check_rod(const peri_body_def *d, peri_error *err) {
+    if (d->material_of || d->stiffness || d->directions)
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "material_of, stiffness and directions are for solids and sheets: a rod has one material");
+    if (!((double)d->thickness <= 1.001 * (double)d->spacing))
+        return peri__fail(err, PERI_ERROR_VALUE, "thickness is %g m, more than a spacing (%g m): sample a thick rod "
+                          "as a solid", (double)d->thickness, (double)d->spacing);
+    return PERI_OK;
+}
+
 static peri_result peri__check_body_def(const peri_world *w, const peri_body_def *d, peri_error *err) {
     peri_result bad;
     if (!d) return peri__fail(err, PERI_ERROR_ARGUMENT, "the body's definition is NULL");
@@ -3075,7 +3259,9 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
         return peri__fail(err, PERI_ERROR_ARGUMENT, "the body's definition was not made by peri_default_body_def");
     if (!d->points) return peri__fail(err, PERI_ERROR_ARGUMENT, "points is NULL");
     if (d->count < 1) return peri__fail(err, PERI_ERROR_VALUE, "count is %d; a body has at least one point", d->count);
-    if (d->count > w->def.max_particles - w->particles)
+    if (d->form == PERI_FORM_ROD && d->count < 2)
+        return peri__fail(err, PERI_ERROR_VALUE, "count is %d; a rod has at least two points", d->count);
+    if (d->count > (w->def.max_particles - w->particles) / (d->form == PERI_FORM_ROD ? 1 + PERI__GHOSTS : 1))
         return peri__fail(err, PERI_ERROR_LIMIT, "%d particles and %d more pass max_particles = %d of the world",
                           w->particles, d->count, w->def.max_particles);
     if (!peri__material_find(w, d->material))
@@ -3086,6 +3272,7 @@ static peri_result peri__check_body_def(const peri_world *w, const peri_body_def
     if (!bad) bad = peri__check_enum("form", (int)d->form, (int)PERI_FORM_ROD, err);
     if (!bad && d->form != PERI_FORM_SOLID) {
         bad = peri__check_range("thickness of a sheet or rod", (double)d->thickness, 1e-12, 1e9, err);
+        if (!bad && d->form == PERI_FORM_ROD) bad = peri__check_rod(d, err);
         if (!bad) bad = peri__check_range("bending", (double)d->bending, 0, 1e6, err);
     }
     if (!bad) bad = peri__check_enum("kernel", (int)d->kernel, (int)PERI_KERNEL_SHIFTED, err);
@@ -3138,6 +3325,7 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
     for (i = 0; i < (size_t)b->count; i++) {
         const peri__matter *matter = b->matters ? b->matters + b->kind[i] : &b->matter;
         double m = (double)matter->m.density * b->bonds.unit * (double)b->volume[i];
+        if (b->stations) m = peri__rod_mass(b, make, (int)i);
         w->mass[(size_t)b->first + i] = (peri_real)m;
         b->mass += m;
         for (c = 0; c < 3; c++) centre[c] += m * make->x[3 * i + (size_t)c];
@@ -3149,7 +3337,7 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
         b->pinned[i] = 0;
         at = (size_t)b->first + i;
         w->flags[at] = flags[i];
-        if (flags[i] & PERI__SURFACE) b->surface[b->surface_count++] = (int)i;
+        if (flags[i] & PERI__SURFACE && (int)i < peri__real_count(b)) b->surface[b->surface_count++] = (int)i;
         if (d->fixed && d->fixed[i]) w->flags[at] |= PERI__FIXED, b->fixed++;
         b->singular += (flags[i] & PERI__SINGULAR) != 0;
         w->mode[at] = flags[i] & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
@@ -3188,6 +3376,8 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
     make->delta = (double)d->horizon * (double)d->spacing * (1 - 1e-5);
     bad = peri__grid_reserve(w, &make->grid, d->count);
     if (bad) return bad;
+    make->grid.stations = b->stations;
+    make->grid.closed = b->closed;
     peri__grid_fill(&make->grid, make->x, NULL, d->count, (double)d->horizon * (double)d->spacing);
     bad = peri__bonds_count(w, b, make);
     if (!bad) bad = peri__bonds_make(w, b, make, *flags);
@@ -3229,26 +3419,39 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
     peri_body_id id = {0, 0};
     peri__body b, *slot = NULL;
     peri__making make;
+    peri_body_def rod;
     unsigned char *flags = NULL;
     peri_result bad;
     if (!w) return id;
     memset(&b, 0, sizeof b);
     memset(&make, 0, sizeof make);
+    make.given = d;
     bad = peri__check_body_def(w, d, &w->error);
     if (!bad) {
         slot = (peri__body *)(void *)peri__slot_take(w, &w->bodies);
         if (!slot) bad = w->error.code;
     }
     if (!bad) {
+        if (d->form == PERI_FORM_ROD) {
+            b.stations = d->count;
+            b.closed = d->closed != 0;
+            bad = peri__rod_expand(w, d, &rod, &make);
+            d = &rod;
+        }
+    }
+    if (!bad) {
+        peri_material matter = *peri__material_find(w, d->material);
         make.def = d;
         b.first = w->particles;
         b.count = d->count;
         b.form = d->form;
-        peri__matter_make(peri__material_find(w, d->material), d->form == PERI_FORM_SHEET, &b.matter);
-        make.anisotropic = peri__any_anisotropic(w, d);
+        b.spacing = (double)d->spacing;
+        if (b.stations) peri__rod_material(d, &matter);
+        peri__matter_make(&matter, d->form == PERI_FORM_SHEET, &b.matter);
+        if (b.stations) peri__rod_fibres(&b, d, b.fibre);
+        make.anisotropic = b.stations || peri__any_anisotropic(w, d);
         if (d->form == PERI_FORM_SHEET)
             b.rigidity = (double)d->bending * (double)d->thickness * (double)d->thickness / 12;
-        b.spacing = (double)d->spacing;
         b.horizon = (double)d->horizon;
         b.radius = (double)d->contact_radius * b.spacing;
         b.rotation = d->rotation;
@@ -3276,6 +3479,7 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
     if (make.grid.start) peri__grid_free(w, &make.grid);
     peri__drop(w, make.x, make.x_bytes);
     if (flags) peri__drop(w, flags, (size_t)d->count);
+    peri__drop(w, make.rod, make.rod_bytes);
     return id;
 }
 
@@ -3340,7 +3544,7 @@ int peri_body_is_valid(const peri_world *w, peri_body_id id) { return peri__body
 
 int peri_body_count(const peri_world *w, peri_body_id id) {
     peri__body *b = peri__body_find(w, id);
-    return b ? b->count : 0;
+    return b ? peri__real_count(b) : 0;
 }
 
 const peri_real *peri_body_positions(const peri_world *w, peri_body_id id) {
@@ -3353,15 +3557,30 @@ const peri_real *peri_body_velocities(const peri_world *w, peri_body_id id) {
     return b ? w->v + 3 * (size_t)b->first : NULL;
 }
 
+/* First ghost of a rod's point, in the world's arrays. */
+static size_t peri__ghost(const peri__body *b, int point) {
+    return (size_t)(b->first + b->stations + PERI__GHOSTS * point);
+}
+
+/* The ghosts of a rod whose points were put elsewhere: frames made anew, with the least rotation along the rod. */
+static void peri__rod_follow(peri_world *w, peri__body *b) {
+    size_t k, at = 3 * peri__ghost(b, 0), end = at + 3 * PERI__GHOSTS * (size_t)b->stations;
+    peri__ghosts_place(w->x + 3 * (size_t)b->first, b->stations, b->closed, b->spacing / 2, w->x + at);
+    for (k = at; k < end; k++) {
+        w->x0[k] = w->x[k];
+        w->out[k] = (peri_real)w->x[k];
+    }
+}
+
 /* Checks what the setters below share; on success *out is the body. */
 static peri_result peri__range(peri_world *w, peri_body_id id, int first, int count, const char *name,
                                const peri_real *values, peri__body **out) {
     peri__body *b = peri__body_find(w, id);
     peri_result bad = PERI_OK;
     if (!b) return peri__no_body(w, id);
-    if (first < 0 || count < 0 || first > b->count - count)
+    if (first < 0 || count < 0 || first > peri__real_count(b) - count)
         bad = peri__fail(&w->error, PERI_ERROR_INDEX, "particles: %d from %d on; the body has 0 to %d", count, first,
-                         b->count - 1);
+                         peri__real_count(b) - 1);
     else if (values) bad = peri__finite3(name, values, count, &w->error);
     *out = b;
     return peri__report(w, bad);
@@ -3378,6 +3597,7 @@ peri_result peri_body_set_positions(peri_world *w, peri_body_id id, int first, i
         w->x[at + k] = w->x0[at + k] = (double)x[k];
         w->out[at + k] = x[k];
     }
+    if (b->stations) peri__rod_follow(w, b);
     peri__wake(w, b);
     peri__holds_forget(w, (int)id.index1 - 1, first, count, -1);
     b->steps = 0;
@@ -3393,6 +3613,11 @@ peri_result peri_body_set_velocities(peri_world *w, peri_body_id id, int first, 
     at = 3 * (size_t)(b->first + first);
     for (k = 0; k < 3 * (size_t)count; k++)
         if (!(w->flags[at / 3 + k / 3] & PERI__FIXED)) w->v[at + k] = w->v0[at + k] = v[k];
+    for (k = 0; b->stations && k < 3 * PERI__GHOSTS * (size_t)count; k++) {
+        size_t ghost = peri__ghost(b, first) + k / 3;
+        if (!(w->flags[ghost] & PERI__FIXED))
+            w->v[3 * ghost + k % 3] = w->v0[3 * ghost + k % 3] = v[3 * (k / (3 * PERI__GHOSTS)) + k % 3];
+    }
     peri__wake(w, b);
     b->steps = 0;
     return PERI_OK;
@@ -3426,6 +3651,12 @@ peri_result peri_body_set_fixed(peri_world *w, peri_body_id id, int particle, in
         size_t k = 3 * (size_t)(b->first + particle) + (size_t)c;
         w->v[k] = w->v0[k] = 0;
     }
+    for (c = 0; b->stations && c < PERI__GHOSTS; c++) {
+        size_t ghost = peri__ghost(b, particle) + (size_t)c;
+        w->flags[ghost] = (unsigned char)(fixed ? w->flags[ghost] | PERI__FIXED : w->flags[ghost] & ~(PERI__FIXED | PERI__MOVED));
+        if (fixed) memset(w->v + 3 * ghost, 0, 3 * sizeof *w->v);
+        if (fixed) memset(w->v0 + 3 * ghost, 0, 3 * sizeof *w->v0);
+    }
     b->matrix_h = 0;
     peri__wake(w, b);
     return PERI_OK;
@@ -3435,6 +3666,7 @@ peri_result peri_body_move(peri_world *w, peri_body_id id, int particle, peri_ve
     peri__body *b;
     peri_result bad = peri__range(w, id, particle, 1, "", NULL, &b);
     size_t at;
+    int k, c;
     if (bad) return bad;
     bad = peri__finite_vec("x", x, &w->error);
     at = (size_t)(b->first + particle);
@@ -3443,8 +3675,58 @@ peri_result peri_body_move(peri_world *w, peri_body_id id, int particle, peri_ve
                          particle);
     if (!bad) bad = peri__reserve(w, w->particles, PERI__WANT_AIM, 0);
     if (bad) return peri__report(w, bad);
+    for (k = 0; b->stations && k < PERI__GHOSTS; k++) {     /* the section goes along */
+        size_t ghost = peri__ghost(b, particle) + (size_t)k;
+        double to[3];
+        peri__vec(x, to);
+        for (c = 0; c < 3; c++) {
+            double from = w->flags[ghost] & PERI__MOVED ? w->aim[3 * ghost + (size_t)c] : w->x0[3 * ghost + (size_t)c];
+            double was = w->flags[at] & PERI__MOVED ? w->aim[3 * at + (size_t)c] : w->x0[3 * at + (size_t)c];
+            w->aim[3 * ghost + (size_t)c] = from + to[c] - was;
+        }
+        w->flags[ghost] |= PERI__MOVED;
+    }
     peri__vec(x, w->aim + 3 * at);
     w->flags[at] |= PERI__MOVED;
+    peri__wake(w, b);
+    return PERI_OK;
+}
+
+/* The body of a rod and its point, checked. */
+static peri_result peri__rod_point(peri_world *w, peri_body_id id, int particle, peri__body **out) {
+    peri_result bad = peri__range(w, id, particle, 1, "", NULL, out);
+    if (bad || (*out)->stations) return bad;
+    return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "body (%u, %u) is no rod", (unsigned)id.index1,
+                                      (unsigned)id.generation));
+}
+
+peri_result peri_rod_turn(peri_world *w, peri_body_id id, int particle, peri_quat rotation) {
+    peri__body *b;
+    peri_result bad = peri__rod_point(w, id, particle, &b);
+    double body[9], turn[9], arm[3], turned[3];
+    size_t at;
+    int k, c;
+    if (bad) return bad;
+    at = (size_t)(b->first + particle);
+    bad = peri__check_quat("rotation", rotation, &w->error);
+    if (!bad && !(w->flags[at] & PERI__FIXED))
+        bad = peri__fail(&w->error, PERI_ERROR_ARGUMENT, "particle %d is free: fix it first with peri_body_set_fixed",
+                         particle);
+    if (!bad) bad = peri__reserve(w, w->particles, PERI__WANT_AIM, 0);
+    if (bad) return peri__report(w, bad);
+    peri__quat_matrix(b->rotation, body);
+    peri__quat_matrix(rotation, turn);
+    for (k = 0; k < PERI__GHOSTS; k++) {
+        size_t ghost = peri__ghost(b, particle) + (size_t)k;
+        const peri_real *centre = b->points + 3 * (size_t)particle, *rest = b->points + 3 * (ghost - (size_t)b->first);
+        for (c = 0; c < 3; c++) arm[c] = (double)rest[c] - (double)centre[c];
+        peri__apply(body, arm, turned);
+        peri__apply(turn, turned, arm);
+        for (c = 0; c < 3; c++)
+            w->aim[3 * ghost + (size_t)c] =
+                arm[c] + (w->flags[at] & PERI__MOVED ? w->aim[3 * at + (size_t)c] : w->x0[3 * at + (size_t)c]);
+        w->flags[ghost] |= PERI__MOVED;
+    }
     peri__wake(w, b);
     return PERI_OK;
 }
@@ -3703,8 +3985,6 @@ static const peri__collider *peri__contact_collider(const peri_world *w, const p
 static peri__body *peri__contact_other(const peri_world *w, const peri__contact *t) {
     return t->target < PERI__TARGET_BODY ? NULL : peri__body_at(w, t->target - PERI__TARGET_BODY);
 }
-
-static double peri__dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /* Where particle `at` of the world is at share s of the step, from x0 to x. */
 static void peri__place(const peri_world *w, size_t at, double s, double p[3]) {
@@ -5969,10 +6249,39 @@ peri_result peri_body_measure(peri_world *w, peri_body_id id, peri_measure *out)
 peri_result peri_body_forces(peri_world *w, peri_body_id id, peri_real *f) {
     peri__body *b = peri__body_find(w, id);
     peri__pass p;
+    int i, k, c;
     if (!b) return peri__no_body(w, id);
     if (!f) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "f is NULL"));
-    peri__pass_begin(&p, w, b, f);
+    peri__pass_begin(&p, w, b, b->stations ? w->g1 + 3 * (size_t)b->first : f);
     peri__pass_run(&p);
+    for (i = 0; i < b->stations; i++)       /* of a rod: those on its sections */
+        for (c = 0; c < 3; c++) {
+            f[3 * i + c] = p.f[3 * i + c];
+            for (k = 0; k < PERI__GHOSTS; k++) f[3 * i + c] += p.f[3 * (b->stations + PERI__GHOSTS * i + k) + c];
+        }
+    return PERI_OK;
+}
+
+peri_result peri_rod_moment(peri_world *w, peri_body_id id, int particle, peri_vec3 *moment) {
+    peri__body *b;
+    peri__pass p;
+    peri_result bad = peri__rod_point(w, id, particle, &b);
+    double sum[3] = {0, 0, 0}, arm[3], force[3], turn[3];
+    int k, c;
+    if (bad) return bad;
+    if (!moment) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "moment is NULL"));
+    peri__pass_begin(&p, w, b, w->g1 + 3 * (size_t)b->first);
+    peri__pass_run(&p);
+    for (k = 0; k < PERI__GHOSTS; k++) {
+        size_t ghost = peri__ghost(b, particle) - (size_t)b->first + (size_t)k;
+        for (c = 0; c < 3; c++) {
+            arm[c] = p.x[3 * ghost + (size_t)c] - p.x[3 * (size_t)particle + (size_t)c];
+            force[c] = (double)p.f[3 * ghost + (size_t)c];
+        }
+        peri__cross(arm, force, turn);
+        for (c = 0; c < 3; c++) sum[c] += turn[c];
+    }
+    *moment = peri__to_vec(sum);
     return PERI_OK;
 }
 
@@ -6079,7 +6388,7 @@ peri_result peri_body_values(peri_world *w, peri_body_id id, peri_value value, p
     bad = peri__check_enum("value", (int)value, (int)PERI_VALUE_SPEED, &w->error);
     if (bad) return peri__report(w, bad);
     bad = peri__look(w, id, out, &p);
-    for (i = 0; !bad && i < p.b->count; i++) out[i] = (peri_real)peri__value(w, &p, i, value);
+    for (i = 0; !bad && i < peri__real_count(p.b); i++) out[i] = (peri_real)peri__value(w, &p, i, value);
     return bad;
 }
 
@@ -6088,7 +6397,7 @@ peri_result peri_body_stress(peri_world *w, peri_body_id id, peri_real *out) {
     peri_result bad = peri__look(w, id, out, &p);
     double s[6];
     int i, c;
-    for (i = 0; !bad && i < p.b->count; i++) {
+    for (i = 0; !bad && i < peri__real_count(p.b); i++) {
         peri__cauchy(&p, i, s);
         for (c = 0; c < 6; c++) out[6 * (size_t)i + (size_t)c] = (peri_real)s[c];
     }
@@ -6100,7 +6409,7 @@ peri_result peri_body_gradient(peri_world *w, peri_body_id id, peri_real *out) {
     peri_result bad = peri__look(w, id, out, &p);
     double f[9];
     int i, c;
-    for (i = 0; !bad && i < p.b->count; i++) {
+    for (i = 0; !bad && i < peri__real_count(p.b); i++) {
         peri__gradient_whole(&p, i, f);
         for (c = 0; c < 9; c++) out[9 * (size_t)i + (size_t)c] = (peri_real)f[c];
     }
@@ -6136,14 +6445,14 @@ static void peri__draw_body(peri_world *w, peri__body *b, const peri_draw *draw)
     int i, k;
     peri__pass_begin(&p, w, b, NULL);
     peri__elastic(w, b, 0, b->count);
-    for (i = 0; i < b->count; i++) {
+    for (i = 0; i < peri__real_count(b); i++) {
         peri_vec3 x = peri__to_vec(p.x + 3 * (size_t)i);
         t = (peri__value(w, &p, i, draw->value) - (double)draw->low) / span;
         t = t < 0 ? 0 : t > 1 ? 1 : t;
         if (draw->point) draw->point(x, (peri_real)(b->spacing / 2), (peri_real)t, draw->user);
         for (k = b->row[i]; k < b->row[i + 1] && draw->line; k++) {
             peri__bond o;
-            if (b->col[k] < i) continue;
+            if (b->col[k] < i || b->col[k] >= peri__real_count(b)) continue;
             peri__bond_load(p.bonds, k, p.x + 3 * (size_t)i, p.x, &o);
             t1 = draw->value == PERI_VALUE_STRETCH
                      ? (fabs((double)peri__tau(&o) - 1) - (double)draw->low) / span
