@@ -1064,6 +1064,8 @@ static peri_shape peri__shape_of(peri_shape_kind kind) {
     return s;
 }
 
+peri_shape peri_shape_none(void) { return peri__shape_of(PERI_SHAPE_NONE); }
+
 peri_shape peri_shape_plane(void) { return peri__shape_of(PERI_SHAPE_PLANE); }
 
 peri_shape peri_shape_box(peri_real half_x, peri_real half_y, peri_real half_z) {
@@ -1165,6 +1167,7 @@ peri_real peri_shape_evaluate(const peri_shape *shape, peri_vec3 point, peri_vec
     half[1] = (double)shape->half.y;
     half[2] = (double)shape->half.z;
     switch (shape->kind) {
+    case PERI_SHAPE_NONE: return (peri_real)1e30;
     case PERI_SHAPE_PLANE: return point.z;
     case PERI_SHAPE_BOX:
         distance = peri__shape_corner(3, p, half, g);
@@ -1247,6 +1250,9 @@ static peri_result peri__shape_check(const peri_shape *s, int as_collider, peri_
     peri_result r = PERI_OK;
     if (!s) return peri__fail(err, PERI_ERROR_ARGUMENT, "shape is NULL");
     switch (s->kind) {
+    case PERI_SHAPE_NONE:
+        if (as_collider) return PERI_OK;
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "shape is none: there is nothing to sample");
     case PERI_SHAPE_PLANE:
         if (as_collider) return PERI_OK;
         return peri__fail(err, PERI_ERROR_ARGUMENT, "shape is a plane, which has no bounds to sample; take a box");
@@ -1817,6 +1823,498 @@ peri_result peri_sample_with(const peri_shape *shape, peri_real spacing, peri_re
 peri_result peri_sample(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
                         int *count, peri_error *err) {
     return peri_sample_with(shape, spacing, points, capacity, count, NULL, err);
+}
+
+peri_result peri_sample_rectangle(peri_real width, peri_real height, peri_real spacing, peri_real *points,
+                                  int capacity, int *count, peri_error *err) {
+    peri_shape slab;
+    peri_result bad = peri__shape_length("width", width, 0, err);
+    if (!bad) bad = peri__shape_length("height", height, 0, err);
+    if (bad) return bad;
+    slab = peri_shape_box(width / 2, height / 2, spacing / 2);      /* one cell thick */
+    return peri_sample(&slab, spacing, points, capacity, count, err);
+}
+
+static double peri__apart(const double *a, const double *b) {
+    double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+    return sqrt(x * x + y * y + z * z);
+}
+
+/* Corner k of a polyline, the first again after the last of a closed one. */
+static void peri__line_corner(const peri_real *vertices, int n, int k, double p[3]) {
+    int c;
+    for (c = 0; c < 3; c++) p[c] = (double)vertices[3 * (size_t)(k < n ? k : 0) + (size_t)c];
+}
+
+/* Point at `along` m from the beginning; *corner and *passed say where the last one was, and go forward. */
+static void peri__line_point(const peri_real *vertices, int n, int pieces, double along, int *corner, double *passed,
+                             double out[3]) {
+    double a[3], b[3], length, share;
+    int c;
+    for (;; ++*corner) {
+        peri__line_corner(vertices, n, *corner, a);
+        peri__line_corner(vertices, n, *corner + 1, b);
+        length = peri__apart(a, b);
+        if (along <= *passed + length || *corner + 1 >= pieces) break;
+        *passed += length;
+    }
+    share = length > 0 ? (along - *passed) / length : 0;
+    share = share < 0 ? 0 : share > 1 ? 1 : share;
+    for (c = 0; c < 3; c++) out[c] = a[c] + share * (b[c] - a[c]);
+}
+
+peri_result peri_sample_line(const peri_real *vertices, int vertex_count, int closed, peri_real spacing,
+                             peri_real *points, int capacity, int *count, peri_real *step, peri_error *err) {
+    double total = 0, a[3], b[3], passed = 0, steps;
+    int k, c, pieces = closed ? vertex_count : vertex_count - 1, corner = 0, n;
+    peri_result bad = peri__shape_length("spacing", spacing, 0, err);
+    if (bad) return bad;
+    if (!vertices || !count) return peri__fail(err, PERI_ERROR_ARGUMENT, "%s is NULL", vertices ? "count" : "vertices");
+    *count = 0;
+    if (vertex_count < 2)
+        return peri__fail(err, PERI_ERROR_VALUE, "vertex_count is %d; a line has at least 2", vertex_count);
+    for (k = 0; k < 3 * vertex_count; k++)
+        if (!peri__finite((double)vertices[k]))
+            return peri__fail(err, PERI_ERROR_VALUE, "vertex %d of the line is not finite", k / 3);
+    for (k = 0; k < pieces; k++) {
+        peri__line_corner(vertices, vertex_count, k, a);
+        peri__line_corner(vertices, vertex_count, k + 1, b);
+        total += peri__apart(a, b);
+    }
+    steps = floor(total / (double)spacing + 0.5);
+    if (!(steps >= (closed ? 3 : 1)) || !(steps < 1e9))
+        return peri__fail(err, PERI_ERROR_GEOMETRY, "spacing %g m does not suit a line of %g m", (double)spacing, total);
+    n = (int)steps + !closed;
+    *count = n;
+    if (step) *step = (peri_real)(total / steps);
+    if (!points) return PERI_OK;
+    if (n > capacity) return peri__fail(err, PERI_ERROR_LIMIT, "capacity is %d points; the line has %d", capacity, n);
+    for (k = 0; k < n; k++) {
+        peri__line_point(vertices, vertex_count, pieces, k * (total / steps), &corner, &passed, a);
+        for (c = 0; c < 3; c++) points[3 * (size_t)k + (size_t)c] = (peri_real)a[c];
+    }
+    return PERI_OK;
+}
+
+/* ---- sampling of surfaces: points on the edges that must stay, then as many others, at random but apart, as the area
+   asks for, evened out by moving each to the middle of its share of the surface (Lloyd 1982). The surface is a dense set
+   of small pieces. ---- */
+
+#define PERI__SURFACE_FINE 4    /* pieces per spacing */
+#define PERI__SURFACE_ROUNDS 16 /* of evening out */
+
+typedef struct peri__scrap {
+    double at[3], area;
+    int triangle, owner;
+} peri__scrap;
+
+typedef struct peri__surface {
+    const peri__mesh *mesh;
+    const peri_allocator *memory;
+    peri__scrap *pieces;
+    double *points, *sum;           /* 3 each; 4 each: area times place, area */
+    int *cell, *next;               /* heads of the hash table, chains of points */
+    int piece_count, piece_room, count, room, held;     /* held: points on edges, which stay */
+    double spacing, area;
+    size_t pieces_bytes, points_bytes, sum_bytes, cell_bytes, next_bytes;
+    unsigned mask;
+} peri__surface;
+
+static void peri__surface_cell(const peri__surface *s, const double *p, int cell[3]) {
+    int c;
+    for (c = 0; c < 3; c++) cell[c] = (int)((p[c] - s->mesh->lower[c]) / s->spacing + 4);  /* above 0: no floor needed */
+}
+
+static unsigned peri__surface_hash(const peri__surface *s, int i, int j, int k) {
+    uint64_t h = (uint64_t)i * 0x9E3779B97F4A7C15u + (uint64_t)j * 0xC2B2AE3D27D4EB4Fu + (uint64_t)k * 0x165667B19E3779F9u;
+    h ^= h >> 29;
+    return (unsigned)((h * 0xBF58476D1CE4E5B9u) >> 32) & s->mask;
+}
+
+static void peri__surface_enter(peri__surface *s, int k) {
+    int cell[3];
+    unsigned h;
+    peri__surface_cell(s, s->points + 3 * (size_t)k, cell);
+    h = peri__surface_hash(s, cell[0], cell[1], cell[2]);
+    s->next[k] = s->cell[h];
+    s->cell[h] = k;
+}
+
+static void peri__surface_clear(peri__surface *s) {
+    unsigned h;
+    for (h = 0; h <= s->mask; h++) s->cell[h] = -1;
+}
+
+/* The nearest point within one or (if there is none) two spacings, -1 for none. */
+static int peri__surface_nearest(const peri__surface *s, const double *p, int skip, double *distance) {
+    int reach, best = -1, at[3], x, y, z, k;
+    double square = 0;
+    peri__surface_cell(s, p, at);
+    for (reach = 1; reach <= 2 && best < 0; reach++) {
+        square = reach * s->spacing * reach * s->spacing;
+        for (z = at[2] - reach; z <= at[2] + reach; z++)
+            for (y = at[1] - reach; y <= at[1] + reach; y++)
+                for (x = at[0] - reach; x <= at[0] + reach; x++)
+                    for (k = s->cell[peri__surface_hash(s, x, y, z)]; k >= 0; k = s->next[k]) {
+                        const double *q = s->points + 3 * (size_t)k;
+                        double d = (q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]) +
+                                   (q[2] - p[2]) * (q[2] - p[2]);
+                        if (k == skip || d > square || (d >= square && k > best && best >= 0)) continue;
+                        square = d;
+                        best = k;
+                    }
+    }
+    *distance = sqrt(square);
+    return best;
+}
+
+/* Cuts every triangle into small ones of like shape. With pieces NULL it only counts them and sums the area. */
+static peri_result peri__surface_cut(peri__surface *s, peri_error *err) {
+    const peri__mesh *m = s->mesh;
+    double total = 0;
+    int t, i, j, c, up;
+    s->piece_count = 0;
+    s->area = 0;
+    for (t = 0; t < m->edges / 3; t++) {
+        double p[3][3], u[3], v[3], n[3], longest = 0, area;
+        int fine;
+        for (c = 0; c < 3; c++) peri__mesh_corner(m, t, c, p[c]);
+        for (c = 0; c < 3; c++) {
+            double edge = peri__apart(p[c], p[(c + 1) % 3]);
+            if (edge > longest) longest = edge;
+            u[c] = p[1][c] - p[0][c];
+            v[c] = p[2][c] - p[0][c];
+        }
+        n[0] = u[1] * v[2] - u[2] * v[1];
+        n[1] = u[2] * v[0] - u[0] * v[2];
+        n[2] = u[0] * v[1] - u[1] * v[0];
+        area = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
+        fine = longest < 1e4 * s->spacing ? (int)(longest / s->spacing * PERI__SURFACE_FINE) + 1 : 10000;
+        total += (double)fine * fine;
+        if (total > 5e8)
+            return peri__fail(err, PERI_ERROR_LIMIT, "spacing %g m is too fine for this mesh", s->spacing);
+        s->area += area;
+        for (i = 0; i < fine && s->pieces; i++)
+            for (j = 0; j < fine - i; j++)
+                for (up = 0; up < 2 && (!up || j < fine - i - 1); up++) {
+                    peri__scrap *piece = &s->pieces[s->piece_count++];
+                    double a = (i + (up ? 2 : 1) / 3.0) / fine, b = (j + (up ? 2 : 1) / 3.0) / fine;
+                    for (c = 0; c < 3; c++) piece->at[c] = p[0][c] + a * u[c] + b * v[c];
+                    piece->area = area / ((double)fine * fine);
+                    piece->triangle = t;
+                    piece->owner = -1;
+                }
+    }
+    s->piece_room = (int)total;
+    if (s->area > 0) return PERI_OK;
+    return peri__fail(err, PERI_ERROR_GEOMETRY, "the mesh has no area");
+}
+
+/* Nearest place of triangle t to p (by the projections on its plane and edges). */
+static void peri__surface_project(const peri__mesh *m, int t, double p[3]) {
+    double q[3][3], n[3], u[3], v[3], best[3] = {0, 0, 0}, least = -1, square, along, inside = 1;
+    int c, k;
+    for (c = 0; c < 3; c++) peri__mesh_corner(m, t, c, q[c]);
+    for (c = 0; c < 3; c++) {
+        u[c] = q[1][c] - q[0][c];
+        v[c] = q[2][c] - q[0][c];
+    }
+    n[0] = u[1] * v[2] - u[2] * v[1];
+    n[1] = u[2] * v[0] - u[0] * v[2];
+    n[2] = u[0] * v[1] - u[1] * v[0];
+    square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+    along = square > 0 ? ((p[0] - q[0][0]) * n[0] + (p[1] - q[0][1]) * n[1] + (p[2] - q[0][2]) * n[2]) / square : 0;
+    for (c = 0; c < 3; c++) p[c] -= along * n[c];
+    for (k = 0; k < 3; k++) {
+        double e[3], w[3], at[3], share, length, side;
+        for (c = 0; c < 3; c++) {
+            e[c] = q[(k + 1) % 3][c] - q[k][c];
+            w[c] = p[c] - q[k][c];
+        }
+        side = n[0] * (e[1] * w[2] - e[2] * w[1]) + n[1] * (e[2] * w[0] - e[0] * w[2]) +
+               n[2] * (e[0] * w[1] - e[1] * w[0]);
+        if (side < 0) inside = 0;
+        length = e[0] * e[0] + e[1] * e[1] + e[2] * e[2];
+        share = length > 0 ? (e[0] * w[0] + e[1] * w[1] + e[2] * w[2]) / length : 0;
+        share = share < 0 ? 0 : share > 1 ? 1 : share;
+        for (c = 0; c < 3; c++) at[c] = q[k][c] + share * e[c];
+        side = peri__apart(at, p);
+        if (least >= 0 && side >= least) continue;
+        least = side;
+        memcpy(best, at, sizeof best);
+    }
+    if (!(inside > 0)) memcpy(p, best, sizeof best);
+}
+
+static double peri__surface_turn(const peri__mesh *m, int t, double n[3]) {
+    double p[3][3], u[3], v[3], length;
+    int c;
+    for (c = 0; c < 3; c++) peri__mesh_corner(m, t, c, p[c]);
+    for (c = 0; c < 3; c++) {
+        u[c] = p[1][c] - p[0][c];
+        v[c] = p[2][c] - p[0][c];
+    }
+    n[0] = u[1] * v[2] - u[2] * v[1];
+    n[1] = u[2] * v[0] - u[0] * v[2];
+    n[2] = u[0] * v[1] - u[1] * v[0];
+    length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (c = 0; c < 3 && length > 0; c++) n[c] /= length;
+    return length;
+}
+
+/* Edges that must stay (border, or the surface turns by more than 40 degrees), each once, as directed edges in the front
+   of order[0]; link[v]: how many of them meet at vertex v. Returns their number. */
+static int peri__surface_edges(peri__mesh *m) {
+    int i, next, n = 0, low, high, l, h;
+    double a[3], b[3];
+    peri__mesh_sort(m, NULL, m->order[0], 1);
+    peri__mesh_sort(m, m->order[0], m->order[1], 0);
+    for (i = 0; i < m->vertices; i++) m->link[i] = 0;
+    for (i = 0; i < m->edges; i = next) {
+        int e = -1, other = -1, uses = 0, keep;
+        double along = 0;
+        peri__mesh_edge(m, m->order[1][i], &low, &high);
+        for (next = i; next < m->edges; next++) {
+            int at = m->order[1][next];
+            peri__mesh_edge(m, at, &l, &h);
+            if (l != low || h != high) break;
+            if (!(peri__surface_turn(m, at / 3, a) > 0)) continue;      /* no area, no edges */
+            other = e;
+            e = at;
+            uses++;
+        }
+        if (low == high || !uses) continue;
+        if (uses == 2) {
+            peri__surface_turn(m, e / 3, a);
+            peri__surface_turn(m, other / 3, b);
+            along = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+            /* triangles that face opposite ways are seen from both sides alike */
+            if (peri__mesh_edge(m, e, &l, &h) == peri__mesh_edge(m, other, &l, &h)) along = -along;
+        }
+        keep = uses != 2 || along < 0.766;
+        if (!keep) continue;
+        m->order[0][n++] = e;
+        m->link[low]++;
+        m->link[high]++;
+    }
+    return n;
+}
+
+static void peri__surface_add(peri__surface *s, const double p[3]) {
+    if (s->count >= s->room) return;
+    memcpy(s->points + 3 * (size_t)s->count, p, 3 * sizeof *p);
+    peri__surface_enter(s, s->count++);
+}
+
+/* Points along the kept edges: at corners (where not two meet, or they turn) and at equal steps between. */
+static void peri__surface_lines(peri__surface *s, int edges) {
+    peri__mesh *m = (peri__mesh *)s->mesh;
+    const int *edge = m->order[0];
+    double p[3], q[3], d;
+    int k, c, low, high, end;
+    for (k = 0; k < edges; k++) {
+        peri__mesh_edge(m, edge[k], &low, &high);
+        for (end = 0; end < 2; end++) {
+            int v = end ? high : low;
+            peri__mesh_place(m, v, p);
+            if (m->link[v] == 2 || (peri__surface_nearest(s, p, -1, &d) >= 0 && d < 1e-6 * s->spacing)) continue;
+            peri__surface_add(s, p);
+        }
+    }
+    for (k = 0; k < edges; k++) {       /* then wherever there is room: long edges at equal steps, short ones at ends */
+        double length, steps;
+        int i;
+        peri__mesh_edge(m, edge[k], &low, &high);
+        peri__mesh_place(m, low, p);
+        peri__mesh_place(m, high, q);
+        length = peri__apart(p, q);
+        steps = floor(length / s->spacing + 0.5);
+        if (steps < 1) steps = 1;
+        for (i = 0; i <= (int)steps; i++) {
+            double at[3];
+            for (c = 0; c < 3; c++) at[c] = p[c] + i / steps * (q[c] - p[c]);
+            if (peri__surface_nearest(s, at, -1, &d) >= 0 && d < 0.7 * s->spacing) continue;
+            peri__surface_add(s, at);
+        }
+    }
+    s->held = s->count;
+}
+
+/* Takes pieces in a scattered order where no point is nearer than `apart`. */
+static void peri__surface_scatter(peri__surface *s, double apart) {
+    uint64_t at = 0, n = (uint64_t)s->piece_count, step = (uint64_t)(0.6180339887498949 * (double)n) | 1, k;
+    uint64_t a = n, b = step;
+    int point;
+    double d;
+    while (b) {     /* a step without common divisor visits every piece once */
+        uint64_t r = a % b;
+        a = b;
+        b = r;
+        if (!b && a != 1) {
+            step += 2;
+            a = n;
+            b = step;
+        }
+    }
+    peri__surface_clear(s);
+    s->count = s->held;
+    for (point = 0; point < s->held; point++) peri__surface_enter(s, point);
+    for (k = 0; k < n && s->count < s->room; k++, at = (at + step) % n)
+        if (peri__surface_nearest(s, s->pieces[at].at, -1, &d) < 0 || d > apart) peri__surface_add(s, s->pieces[at].at);
+}
+
+/* Gives every piece to its nearest point. */
+static void peri__surface_share(peri__surface *s) {
+    int k, c;
+    double d;
+    memset(s->sum, 0, s->sum_bytes);
+    for (k = 0; k < s->piece_count; k++) {
+        peri__scrap *piece = &s->pieces[k];
+        int owner = peri__surface_nearest(s, piece->at, -1, &d);
+        piece->owner = owner;
+        if (owner < 0) continue;
+        for (c = 0; c < 3; c++) s->sum[4 * (size_t)owner + (size_t)c] += piece->area * piece->at[c];
+        s->sum[4 * (size_t)owner + 3] += piece->area;
+    }
+}
+
+/* Moves every point that may move to the middle of its share, on the triangle of the piece there. next is scratch for
+   the piece nearest to the middle. */
+static void peri__surface_even(peri__surface *s) {
+    int k, c;
+    peri__surface_share(s);
+    for (k = 0; k < s->count; k++) {
+        s->next[k] = -1;
+        for (c = 0; c < 3 && s->sum[4 * (size_t)k + 3] > 0; c++)
+            s->sum[4 * (size_t)k + (size_t)c] /= s->sum[4 * (size_t)k + 3];
+    }
+    for (k = 0; k < s->piece_count; k++) {
+        int owner = s->pieces[k].owner;
+        const double *middle = s->sum + 4 * (size_t)(owner < 0 ? 0 : owner);
+        if (owner < s->held) continue;
+        if (s->next[owner] < 0 ||
+            peri__apart(s->pieces[k].at, middle) < peri__apart(s->pieces[s->next[owner]].at, middle))
+            s->next[owner] = k;
+    }
+    for (k = s->held; k < s->count; k++) {
+        if (s->next[k] < 0) continue;
+        memcpy(s->points + 3 * (size_t)k, s->sum + 4 * (size_t)k, 3 * sizeof(double));
+        peri__surface_project(s->mesh, s->pieces[s->next[k]].triangle, s->points + 3 * (size_t)k);
+    }
+    peri__surface_clear(s);
+    for (k = 0; k < s->count; k++) peri__surface_enter(s, k);
+}
+
+static void *peri__surface_take(peri__surface *s, size_t bytes, size_t *held) {
+    void *p = peri__resize(s->memory, NULL, 0, bytes);
+    *held = p ? bytes : 0;
+    return p;
+}
+
+static void peri__surface_free(peri__surface *s) {
+    if (s->pieces) peri__resize(s->memory, s->pieces, s->pieces_bytes, 0);
+    if (s->points) peri__resize(s->memory, s->points, s->points_bytes, 0);
+    if (s->sum) peri__resize(s->memory, s->sum, s->sum_bytes, 0);
+    if (s->cell) peri__resize(s->memory, s->cell, s->cell_bytes, 0);
+    if (s->next) peri__resize(s->memory, s->next, s->next_bytes, 0);
+}
+
+/* All points of the surface. */
+static peri_result peri__surface_make(peri__surface *s, peri__mesh *m, peri_error *err) {
+    double wanted, low = 0.4, high = 1.2;
+    size_t cells = 64;
+    int edges, round;
+    peri_result bad = peri__surface_cut(s, err);
+    if (bad) return bad;
+    wanted = s->area / (s->spacing * s->spacing);
+    edges = peri__surface_edges(m);
+    for (round = 0; round < edges; round++) {
+        int l, h;
+        double a[3], b[3];
+        peri__mesh_edge(m, m->order[0][round], &l, &h);
+        peri__mesh_place(m, l, a);
+        peri__mesh_place(m, h, b);
+        s->room += 2 + (int)(peri__apart(a, b) / s->spacing);
+    }
+    s->room += (int)(3 * wanted) + 16;
+    while (cells < (size_t)s->room) cells *= 2;
+    s->mask = (unsigned)(cells - 1);
+    s->pieces = (peri__scrap *)peri__surface_take(s, (size_t)s->piece_room * sizeof *s->pieces, &s->pieces_bytes);
+    s->points = (double *)peri__surface_take(s, 3 * (size_t)s->room * sizeof(double), &s->points_bytes);
+    s->sum = (double *)peri__surface_take(s, 4 * (size_t)s->room * sizeof(double), &s->sum_bytes);
+    s->cell = (int *)peri__surface_take(s, cells * sizeof(int), &s->cell_bytes);
+    s->next = (int *)peri__surface_take(s, (size_t)s->room * sizeof(int), &s->next_bytes);
+    if (!s->pieces || !s->points || !s->sum || !s->cell || !s->next)
+        return peri__fail(err, PERI_ERROR_MEMORY, "no memory for sampling a surface of %d pieces", s->piece_room);
+    peri__surface_clear(s);
+    peri__surface_cut(s, err);
+    peri__surface_lines(s, edges);
+    for (round = 0; round < 8; round++) {       /* the distance that gives the wanted number */
+        double middle = (low + high) / 2;
+        peri__surface_scatter(s, middle * s->spacing);
+        /* a point on a border stands for half a cell */
+        if (s->count - 0.5 * s->held > wanted) low = middle;
+        else high = middle;
+    }
+    for (round = 0; round < PERI__SURFACE_ROUNDS; round++) peri__surface_even(s);
+    peri__surface_share(s);
+    return PERI_OK;
+}
+
+static void peri__surface_report(const peri__surface *s, peri_sample_report *report) {
+    int k;
+    double d;
+    memset(report, 0, sizeof *report);
+    report->measure = s->area;
+    for (k = 0; k < s->count; k++) {
+        if (peri__surface_nearest(s, s->points + 3 * (size_t)k, k, &d) < 0) continue;
+        if (!(report->least > 0) || d < report->least) report->least = d;
+        if (d > report->most) report->most = d;
+        report->mean += d / s->count;
+    }
+}
+
+peri_result peri_sample_surface_with(const peri_shape *mesh, peri_real spacing, peri_real *points, peri_real *areas,
+                                     int capacity, int *count, peri_sample_report *report,
+                                     const peri_allocator *memory, peri_error *err) {
+    peri__mesh m;
+    peri__surface s;
+    peri_result r = peri__shape_length("spacing", spacing, 0, err);
+    int k;
+    if (r) return r;
+    if (!mesh || !count) return peri__fail(err, PERI_ERROR_ARGUMENT, "%s is NULL", mesh ? "count" : "mesh");
+    *count = 0;
+    if (mesh->kind != PERI_SHAPE_MESH)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "the shape is no mesh: make one by peri_shape_mesh");
+    r = peri__shape_check_mesh(mesh, err);
+    if (r) return r;
+    memset(&m, 0, sizeof m);
+    memset(&s, 0, sizeof s);
+    m.shape = mesh;
+    m.vertices = mesh->vertex_count;
+    m.edges = 3 * mesh->triangle_count;
+    r = peri__mesh_bounds(&m, err);
+    if (!r) r = peri__mesh_allocate(&m, memory, err);
+    if (r) return r;
+    peri__mesh_weld(&m);
+    s.mesh = &m;
+    s.memory = memory;
+    s.spacing = (double)spacing;
+    r = peri__surface_make(&s, &m, err);
+    if (!r) *count = s.count;
+    if (!r && report) peri__surface_report(&s, report);
+    if (!r && points && s.count > capacity)
+        r = peri__fail(err, PERI_ERROR_LIMIT, "capacity is %d points; the surface has %d", capacity, s.count);
+    for (k = 0; k < 3 * s.count && points && !r; k++) points[k] = (peri_real)s.points[k];
+    for (k = 0; k < s.count && points && areas && !r; k++) areas[k] = (peri_real)s.sum[4 * (size_t)k + 3];
+    peri__surface_free(&s);
+    (void)peri__resize(memory, m.block, m.bytes, 0);
+    return r;
+}
+
+peri_result peri_sample_surface(const peri_shape *mesh, peri_real spacing, peri_real *points, peri_real *areas,
+                                int capacity, int *count, peri_sample_report *report, peri_error *err) {
+    return peri_sample_surface_with(mesh, spacing, points, areas, capacity, count, report, NULL, err);
 }
 
 #endif /* PERI_NO_SAMPLING */
