@@ -130,7 +130,7 @@ typedef struct peri_world_def {
     int keep_momentum;          /* 1: bodies that touch nothing keep linear and angular momentum to rounding, where
                                    backward Euler alone damps rotation; 0: the bare integrator */
     peri_real sleep_speed;      /* bodies whose particles all move slower (spacings a second) for sleep_time fall
-                                   asleep with all that they touch, and cost nothing until they are touched; 0.2.
+                                   asleep with all that they touch, and cost nothing until they are touched; 0.05.
                                    0: none sleeps */
     peri_real sleep_time;       /* s, and at least 15 steps; 0.5 */
     int max_particles;          /* limits; growth beyond them is refused. 2^24 */
@@ -671,7 +671,7 @@ typedef struct peri__body {
     int touching, held;         /* after the step: it touches something; that does not move freely */
     int restless;               /* what it touches moves by itself */
     int asleep;                 /* number of the group that it sleeps with, or 0 */
-    int still_steps, tired;
+    int still_steps, tired, calm;   /* calm: nearly as slow, so solved more exactly */
     double still;               /* s that it has been slow */
 #ifndef PERI_NO_CHOLESKY
     struct peri__factor *factor;    /* may be shared */
@@ -2716,7 +2716,7 @@ peri_world_def peri_default_world_def(void) {
     d.max_materials = d.max_colliders = d.max_skins = 1024;
     d.max_attachments = 65535;
     d.max_contacts = 1 << 24;
-    d.sleep_speed = PERI__R(0.2);
+    d.sleep_speed = PERI__R(0.05);
     d.sleep_time = PERI__R(0.5);
     d.parallel.threads = 1;
     return d;
@@ -4760,14 +4760,16 @@ static peri_result peri__body_grid(peri_world *w, peri__body *b) {
     return PERI_OK;
 }
 
-/* The nearest particles of b's surface within reach of q, at most PERI__PATCH, into the contact's patch; a body's own
-   particles that were near at rest are left out. */
-static void peri__patch_find(const peri_world *w, peri__contact *t, const double q[3], double reach) {
+/* The particles of b's surface that are nearest at share `at` of the step, within the support of the weights and at most
+   PERI__PATCH, into the contact's patch; a body's own particles that were near at rest are left out. The grid is looked
+   through within `reach` of q, as it lies at the end of the step. */
+static void peri__patch_find(const peri_world *w, peri__contact *t, double at, const double q[3], double reach) {
     const peri__body *b = peri__contact_other(w, t);
     const peri__grid *g = &b->grid;
     double square[PERI__PATCH], apart = t->distance + PERI__SUPPORT * b->spacing;
-    const double *x = w->x + 3 * (size_t)b->first;
+    double x[3], p[3];
     int low[3], high[3], a[3], c, k, m;
+    peri__place(w, (size_t)(peri__body_at(w, t->body)->first + t->particle), at, x);
     t->count = 0;
     for (c = 0; c < 3; c++) {
         low[c] = peri__grid_axis(g, c, q[c] - reach);
@@ -4780,10 +4782,10 @@ static void peri__patch_find(const peri_world *w, peri__contact *t, const double
                 int cell = a[0] + g->cells[0] * (a[1] + g->cells[1] * a[2]);
                 for (k = g->start[cell]; k < g->start[cell + 1]; k++) {
                     int j = g->order[k];
-                    const double *p = x + 3 * (size_t)j;
-                    double r2 = (p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]) +
-                                (p[2] - q[2]) * (p[2] - q[2]);
-                    if (r2 >= reach * reach) continue;
+                    double r2 = 0;
+                    peri__place(w, (size_t)(b->first + j), at, p);
+                    for (c = 0; c < 3; c++) r2 += (p[c] - x[c]) * (p[c] - x[c]);
+                    if (r2 >= t->reach2) continue;
                     if (t->body == t->target - PERI__TARGET_BODY && peri__rest_square(b, t->particle, j) < apart * apart)
                         continue;
                     if (t->count == PERI__PATCH && r2 >= square[PERI__PATCH - 1]) continue;
@@ -4807,7 +4809,7 @@ static double peri__contact_look(const peri_world *w, peri__contact *t, const do
     const double *x = w->x + 3 * (size_t)(a->first + t->particle);
     int c;
     for (c = 0; c < 3; c++) q[c] = x[c] - (1 - s) * path[c];
-    peri__patch_find(w, t, q, reach + (pad < reach ? pad : reach));
+    peri__patch_find(w, t, s, q, reach + pad);
     if (!t->count || !peri__foot(w, t, s, away)) return -1;
     return sqrt(peri__dot3(away, away));
 }
@@ -6036,6 +6038,8 @@ static double peri__tolerance(const peri_world *w, const peri__body *b) {
     if (10 * away < scale) scale = 10 * away > 1e-3 * scale ? 10 * away : 1e-3 * scale;
     /* a push that is right to 10 % only lets single particles slip for good: measured, blocks creep down slopes */
     if (b->near_contact) scale /= 4;
+    /* what is about to sleep must not be kept awake by what the solver leaves, nor sleep with it */
+    if (b->calm) scale /= 30;
     return (double)w->def.tolerance * scale * peri__trust(w, b);
 }
 
@@ -6221,6 +6225,7 @@ static void peri__wake(peri_world *w, peri__body *b) {
         peri__body *other = peri__body_at(w, k);
         if (!other || other->asleep != group) continue;
         other->asleep = 0;
+        other->calm = 0;
         other->still = 0;
         other->still_steps = 0;
         w->asleep--;
@@ -6253,10 +6258,10 @@ static void peri__wake_by_colliders(peri_world *w) {
     }
 }
 
-/* Is every particle slower than the speed that counts as rest? In long steps what counts is the way, as if they took
-   1/30 s. */
-static int peri__body_slow(const peri_world *w, const peri__body *b, double dt) {
-    double most = (double)w->def.sleep_speed * b->spacing;
+/* Is every particle slower than `factor` times the speed that counts as rest? In long steps what counts is the way, as if
+   they took 1/30 s. */
+static int peri__body_slow(const peri_world *w, const peri__body *b, double factor, double dt) {
+    double most = factor * (double)w->def.sleep_speed * b->spacing;
     size_t i, end = (size_t)b->first + (size_t)b->count;
     if (dt > 1 / 30.0) most /= 30 * dt;
     for (i = (size_t)b->first; i < end; i++) {
@@ -6274,7 +6279,8 @@ static void peri__sleep_check(peri_world *w, double dt) {
         peri__body *b = peri__body_at(w, k);
         if (!b || b->asleep) continue;
         b->tired = 1;
-        if (b->restless || !peri__body_slow(w, b, dt)) {
+        b->calm = !b->restless && peri__body_slow(w, b, 20, dt);
+        if (!b->calm || !peri__body_slow(w, b, 1, dt)) {
             b->still = 0;
             b->still_steps = 0;
             continue;
