@@ -217,7 +217,9 @@ typedef struct peri_body_def {
     peri_form form;                 /* PERI_FORM_SOLID */
     peri_real thickness;            /* of a sheet, diameter of a rod, m, > 0; of solids without meaning */
     peri_real bending;              /* sheets and rods: factor on the flexural rigidity, that of the thickness being 1;
-                                       0 to 1e6; 1 */
+                                       0 to 1e6; 1. Rods: what bears the twist bends as 1.01/(1 + nu) by itself, and
+                                       less is not possible; above 10 sections shear (1.3 times too soft at 100), and
+                                       rods nearly as thick as a spacing become too stiff along themselves */
     int closed;                     /* rods: 1 joins the last point to the first; 0 */
     peri_material_id material;
     const peri_material_id *materials;  /* material_count more materials, of the same model, for material_of */
@@ -640,6 +642,7 @@ typedef struct peri__body {
     peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment, *normal, *plate;
     peri_form form;
     double fibre[2];            /* of a rod: what ghosts' and points' fibres add to the cage, N */
+    double ghost_part;          /* of a rod's outer forces that each ghost takes: its part of the stretch */
     int stations, closed;       /* points of a rod, before its ghosts in the particle range; else 0 */
     double rigidity;            /* of a sheet: bending t^2/12, m^2; times E/(1 - nu^2) it is D/t */
     peri__matter *matters;      /* body of several materials: all of them, */
@@ -3458,25 +3461,35 @@ static void peri__rod_fibres(const peri__body *b, const peri_body_def *d, double
     if (fibre[1] < 0) fibre[1] = 0;
 }
 
+/* Part of a section's stretching that each ghost bears: outer forces are dealt out so, for only weak bonds would carry
+   along the rod what acts on its points alone. */
+static double peri__ghost_part(const peri__body *b) {
+    double cage = PERI__ROD_STRETCH * (double)b->matter.m.ms * b->spacing * b->spacing;
+    cage += PERI__GHOSTS * b->fibre[0];
+    return cage / (cage + b->fibre[1]) / PERI__GHOSTS;
+}
+
 /* Gain of the bond from particle i to j: fibres by what they must bear; the diagonals between neighbouring ghosts' lines
    bear the twist; stiff bonds keep a section in shape; weak ones tie it to the line. */
-static double peri__rod_gain(const peri__body *b, int i, int j, double fibre_gain) {
+static double peri__rod_gain(const peri__body *b, int i, int j, double even, double fibre_gain) {
     int n = b->stations, a = (i - n) % PERI__GHOSTS, c = (j - n) % PERI__GHOSTS;
     if (peri__station(n, i) == peri__station(n, j)) return 10;
     if (i < n && j < n) return fibre_gain;
-    if (i < n || j < n) return 0.05;
-    return a == c ? fibre_gain : (a - c) % 2 ? 1 : 0;
+    if (i < n || j < n) return 0.05 * even;
+    return a == c ? fibre_gain : (a - c) % 2 ? even : 0;
 }
 
+/* Bonds of the last gaps would be stiffer, for their families are smaller: they are given what the others have. */
 static void peri__rod_gains(peri__body *b) {
-    double cube = b->spacing * b->spacing * b->spacing;
+    double cube = b->spacing * b->spacing * b->spacing, inside = 2.0 / (3 * PERI__GHOSTS + 2);
     int i, k;
     for (i = 0; i < b->count; i++)
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
             double bond = (double)b->matter.m.ms * cube *
                           (double)(b->weight[k] * (b->share[i] + b->share[b->col[k]]));
             double fibre = b->fibre[i < b->stations] / (2 * bond * sqrt((double)b->inv_r2[k]));
-            b->gain[k] = (peri_real)peri__rod_gain(b, i, b->col[k], fibre);
+            double even = inside / (double)(b->share[i] + b->share[b->col[k]]);
+            b->gain[k] = (peri_real)peri__rod_gain(b, i, b->col[k], even, fibre);
         }
 }
 
@@ -3505,10 +3518,12 @@ static int peri__line_tangent(const double *x, int n, int closed, int i, double 
     return length > 0;
 }
 
-/* Ghosts of a line of n points, PERI__GHOSTS each, at `arm` from it: frames carried along with the least rotation. */
-static int peri__ghosts_place(const double *x, int n, int closed, double arm, double *ghosts) {
-    double t[3], across[3] = {0, 0, 1}, other[3];
+/* Ghosts of a line of n points, PERI__GHOSTS each, at `arm` from it: frames carried along with the least rotation,
+   the first ghost of the first point as near to `first` as can be. */
+static int peri__ghosts_place(const double *x, int n, int closed, const double first[3], double arm, double *ghosts) {
+    double t[3], across[3], other[3];
     int i, c;
+    memcpy(across, first, sizeof across);
     for (i = 0; i < n; i++, ghosts += 3 * PERI__GHOSTS) {
         if (!peri__line_tangent(x, n, closed, i, t)) return 0;
         peri__frame_across(t, across, across);
@@ -3529,7 +3544,7 @@ static peri_result peri__rod_expand(peri_world *w, const peri_body_def *d, peri_
     size_t n = (size_t)d->count, all = n * (1 + PERI__GHOSTS), k;
     peri_real *points;
     unsigned char *fixed;
-    double *x;
+    double *x, up[3] = {0, 0, 1};
     *rod = *d;
     make->rod_bytes = all * (3 * sizeof(peri_real) + 1) + 3 * all * sizeof(double);
     make->rod = peri__world_resize(NULL, 0, make->rod_bytes, w);
@@ -3538,7 +3553,7 @@ static peri_result peri__rod_expand(peri_world *w, const peri_body_def *d, peri_
     points = (peri_real *)(void *)(x + 3 * all);
     fixed = (unsigned char *)(points + 3 * all);
     for (k = 0; k < 3 * n; k++) x[k] = (double)d->points[k];
-    if (!peri__ghosts_place(x, d->count, d->closed, (double)d->spacing / 2, x + 3 * n))
+    if (!peri__ghosts_place(x, d->count, d->closed, up, (double)d->spacing / 2, x + 3 * n))
         return peri__fail(&w->error, PERI_ERROR_GEOMETRY, "the points of the rod turn back on themselves");
     for (k = 0; k < 3 * all; k++) points[k] = (peri_real)x[k];
     for (k = 0; k < all; k++) fixed[k] = d->fixed ? d->fixed[peri__station(d->count, (int)k)] : 0;
@@ -3947,6 +3962,7 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         if (b.stations) peri__rod_material(d, &matter);
         peri__matter_make(&matter, d->form == PERI_FORM_SHEET, &b.matter);
         if (b.stations) peri__rod_fibres(&b, d, b.fibre);
+        if (b.stations) b.ghost_part = peri__ghost_part(&b);
         make.anisotropic = b.stations || peri__any_anisotropic(w, d);
         if (d->form == PERI_FORM_SHEET)
             b.rigidity = (double)d->bending * (double)d->thickness * (double)d->thickness / 12;
@@ -4060,10 +4076,23 @@ static size_t peri__ghost(const peri__body *b, int point) {
     return (size_t)(b->first + b->stations + PERI__GHOSTS * point);
 }
 
-/* The ghosts of a rod whose points were put elsewhere: frames made anew, with the least rotation along the rod. */
+/* The ghosts of a rod whose points were put elsewhere: frames made anew, with the least rotation along the rod, from
+   the rest's first frame turned as the points are on the whole: a rod that is only put elsewhere is at rest there. */
 static void peri__rod_follow(peri_world *w, peri__body *b) {
     size_t k, at = 3 * peri__ghost(b, 0), end = at + 3 * PERI__GHOSTS * (size_t)b->stations;
-    peri__ghosts_place(w->x + 3 * (size_t)b->first, b->stations, b->closed, b->spacing / 2, w->x + at);
+    const double *x = w->x + 3 * (size_t)b->first;
+    const peri_real *rest = b->points;
+    double a[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}, u[9], sigma[3], v[9], arm[3], first[3];
+    int i, c, d, n = b->stations;
+    for (i = 1; i < n; i++)     /* gaps, so that where the rod is does not matter */
+        for (c = 0; c < 3; c++)
+            for (d = 0; d < 3; d++)
+                a[3 * c + d] += (x[3 * i + c] - x[3 * i - 3 + c]) * (double)(rest[3 * i + d] - rest[3 * i - 3 + d]);
+    peri_svd3(a, u, sigma, v);
+    for (c = 0; c < 3; c++) arm[c] = (double)(rest[3 * n + c] - rest[c]);
+    peri__apply_back(v, arm, first);
+    peri__apply(u, first, arm);
+    peri__ghosts_place(x, n, b->closed, arm, b->spacing / 2, w->x + at);
     for (k = at; k < end; k++) {
         w->x0[k] = w->x[k];
         w->out[k] = (peri_real)w->x[k];
@@ -4124,13 +4153,17 @@ peri_result peri_body_set_velocities(peri_world *w, peri_body_id id, int first, 
 peri_result peri_body_set_forces(peri_world *w, peri_body_id id, int first, int count, const peri_real *f) {
     peri__body *b;
     peri_result bad = peri__range(w, id, first, count, "f", f, &b);
+    peri_real part;
     size_t k, at;
     if (bad) return bad;
+    part = b->stations ? (peri_real)b->ghost_part : 0;
     if (!f && !(w->wants & PERI__WANT_FORCE)) return PERI_OK;
     bad = peri__reserve(w, w->particles, PERI__WANT_FORCE, 0);
     if (bad) return peri__report(w, bad);
     at = 3 * (size_t)(b->first + first);
-    for (k = 0; k < 3 * (size_t)count; k++) w->force[at + k] = f ? f[k] : 0;
+    for (k = 0; k < 3 * (size_t)count; k++) w->force[at + k] = f ? f[k] * (1 - PERI__GHOSTS * part) : 0;
+    for (k = 0; b->stations && k < 3 * PERI__GHOSTS * (size_t)count; k++)
+        w->force[3 * peri__ghost(b, first) + k] = f ? f[3 * (k / (3 * PERI__GHOSTS)) + k % 3] * part : 0;
     peri__wake(w, b);
     return PERI_OK;
 }
