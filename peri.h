@@ -2794,9 +2794,11 @@ static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t
            particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
 }
 
-/* In a buffer there is room for two contacts a particle, which is more than bodies have. */
+/* In a buffer there is room for two contacts a particle, which is more than large bodies have, and 24 a body, for those
+   of a few particles, each of which may have neighbours all around. */
 static int peri__most_contacts(const peri_world_def *d) {
-    return d->max_contacts < 2 * d->max_particles ? d->max_contacts : 2 * d->max_particles;
+    int room = 2 * d->max_particles + 24 * d->max_bodies;
+    return d->max_contacts < room ? d->max_contacts : room;
 }
 
 typedef struct peri__layout_total {
@@ -2865,12 +2867,13 @@ peri_world *peri_world_create(const peri_world_def *def, peri_error *err) {
 
 /* Room for n contacts, and as many holds. */
 static peri_result peri__contacts_reserve(peri_world *w, int n) {
-    static const char *const more = "more than %d contacts: raise max_contacts of the world's definition";
     void *array[4];
     size_t size[4];
     int now = 2 * w->contact_capacity, most = w->buffer ? peri__most_contacts(&w->def) : w->def.max_contacts, k;
     if (n <= w->contact_capacity) return PERI_OK;
-    if (n > most) return peri__fail(&w->error, PERI_ERROR_LIMIT, more, most);
+    if (n > most)
+        return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d contacts: raise %s of the world's definition", most,
+                          most < w->def.max_contacts ? "max_particles or max_bodies" : "max_contacts");
     now = now < 256 ? 256 : now;
     now = now < n ? n : now > most ? most : now;
     array[0] = w->contacts, size[0] = sizeof *w->contacts;
@@ -5063,9 +5066,16 @@ static void peri__contacts_retreat(peri_world *w) {
     for (i = 0; i < w->contact_count; i++) peri__contact_force(w, &w->contacts[i]);
 }
 
-/* Both ends sleep: what holds between them stays. */
+/* What holds a sleeping body stays. */
 static int peri__hold_sleeps(const peri_world *w, const peri__hold *hold) {
     return peri__body_at(w, hold->body)->asleep != 0;
+}
+
+/* Room for what this step may have to remember: its contacts, and what sleeps. */
+static peri_result peri__holds_reserve(peri_world *w) {
+    int k, n = w->contact_count;
+    for (k = 0; k < w->hold_count && w->asleep; k++) n += peri__hold_sleeps(w, &w->holds[k]);
+    return peri__contacts_reserve(w, n);
 }
 
 /* What is to be remembered of a contact. */
@@ -6510,7 +6520,7 @@ static peri_result peri__step_begin(peri_world *w, double dt) {
         bad = peri__bodies_begin(w, dt);
         if (!bad) bad = peri__contacts_find(w);
     } while (!bad && w->woken);
-    if (!bad) bad = peri__contacts_reserve(w, w->contact_count + w->hold_count);
+    if (!bad) bad = peri__holds_reserve(w);
     if (bad) return bad;
     peri__contacts_retreat(w);
     peri__attachments_begin(w);
