@@ -4963,15 +4963,32 @@ static int peri__bodies_meet(const peri__body *a, const peri__body *b) {
     return 1;
 }
 
-static int peri__edge_order(const void *a, const void *b) {
+static int peri__edge_before(const void *a, const void *b) {
     const peri__edge *x = (const peri__edge *)a, *y = (const peri__edge *)b;
-    if (x->lower < y->lower || x->lower > y->lower) return x->lower < y->lower ? -1 : 1;
-    return x->body - y->body;
+    return x->lower < y->lower || (!(x->lower > y->lower) && x->body < y->body);
 }
 
-static int peri__pair_order(const void *a, const void *b) {
-    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return (x > y) - (x < y);
+static int peri__pair_before(const void *a, const void *b) { return *(const uint64_t *)a < *(const uint64_t *)b; }
+
+/* Heap sort of n things of `size` bytes, at most 16: the C library's qsort may allocate. */
+static void peri__sort(void *data, size_t n, size_t size, int (*before)(const void *a, const void *b)) {
+    char *at = (char *)data, held[16];
+    size_t begin = n / 2, end = n, k, child;
+    if (n < 2) return;
+    while (end > 1) {
+        if (begin > 0) {
+            memcpy(held, at + --begin * size, size);
+        } else {
+            memcpy(held, at + --end * size, size);
+            memcpy(at + end * size, at, size);
+        }
+        for (k = begin; (child = 2 * k + 1) < end; k = child) {
+            if (child + 1 < end && before(at + child * size, at + (child + 1) * size)) child++;
+            if (!before(held, at + child * size)) break;
+            memcpy(at + k * size, at + child * size, size);
+        }
+        memcpy(at + k * size, held, size);
+    }
 }
 
 static peri_result peri__pair_add(peri_world *w, int a, int b) {
@@ -5001,7 +5018,7 @@ static peri_result peri__pairs_find(peri_world *w) {
         w->sweep[n].lower = b->lower[0];
         w->sweep[n++].body = k;
     }
-    qsort(w->sweep, (size_t)n, sizeof *w->sweep, peri__edge_order);
+    peri__sort(w->sweep, (size_t)n, sizeof *w->sweep, peri__edge_before);
     for (i = 0; i < n && !bad; i++) {
         const peri__body *a = peri__body_at(w, w->sweep[i].body);
         for (j = i; j < n && !bad; j++) {
@@ -5012,7 +5029,7 @@ static peri_result peri__pairs_find(peri_world *w) {
             if (!bad && !b->asleep && i != j) bad = peri__pair_add(w, w->sweep[j].body, w->sweep[i].body);
         }
     }
-    if (w->pair_count > 1) qsort(w->pairs, (size_t)w->pair_count, sizeof *w->pairs, peri__pair_order);
+    peri__sort(w->pairs, (size_t)w->pair_count, sizeof *w->pairs, peri__pair_before);
     return bad;
 }
 
