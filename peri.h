@@ -4956,7 +4956,7 @@ static peri_result peri__contacts_colliders(peri_world *w, int k) {
 
 static int peri__bodies_meet(const peri__body *a, const peri__body *b) {
     int c;
-    if (a == b) return a->self_contact;
+    if (a == b) return a->self_contact && a->radius > 0;
     if (!(a->group & b->touches) || !(b->group & a->touches) || !(a->radius + b->radius > 0)) return 0;
     for (c = 0; c < 3; c++)
         if (a->upper[c] < b->lower[c] || b->upper[c] < a->lower[c]) return 0;
