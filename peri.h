@@ -671,6 +671,8 @@ typedef struct peri__body {
     int touching, held;         /* after the step: it touches something; that does not move freely */
     int restless;               /* what it touches moves by itself */
     int asleep;                 /* number of the group that it sleeps with, or 0 */
+    int asleep0, still_steps0;  /* the same before the step, to go back to */
+    double still0;
     int still_steps, tired, calm;   /* calm: nearly as slow, so solved more exactly */
     double still;               /* s that it has been slow */
 #ifndef PERI_NO_CHOLESKY
@@ -6528,6 +6530,13 @@ static peri_result peri__step_begin(peri_world *w, double dt) {
         peri__collider *c = peri__collider_at(w, k);
         if (c) peri__collider_advance(c, dt);
     }
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        b->asleep0 = b->asleep;
+        b->still0 = b->still;
+        b->still_steps0 = b->still_steps;
+    }
     if (w->asleep) peri__wake_by_colliders(w);
     w->contact_count = 0;
     w->stats.islands = 0;
@@ -6628,8 +6637,19 @@ static void peri__step_commit(peri_world *w, double dt) {
 }
 
 static void peri__step_undo(peri_world *w) {
+    int k;
     if (w->particles) memcpy(w->x, w->x0, 3 * (size_t)w->particles * sizeof *w->x);
     w->contact_count = 0;
+    w->asleep = 0;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        if (b->asleep0) b->grid_made = 0;
+        b->asleep = b->asleep0;
+        b->still = b->still0;
+        b->still_steps = b->still_steps0;
+        w->asleep += b->asleep != 0;
+    }
     w->stats.undone++;
 }
 
