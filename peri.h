@@ -5142,8 +5142,10 @@ static void peri__contacts_commit(peri_world *w, double dt) {
         peri__hold_take(w, t, hold);
         a->touching = 1;
         if (t->depth > w->overlap * a->spacing) w->overlap = t->depth / a->spacing;
-        if (b) b->touching = 1;
-        else {
+        if (b) {
+            b->touching = 1;
+            a->held |= b->asleep != 0;  /* a sleeper is a wall: it gives momentum to what meets it */
+        } else {
             peri__collider *solid = (peri__collider *)(void *)peri__slot_at(&w->colliders, t->target);
             size_t at = 3 * (size_t)(a->first + t->particle);
             double push[3];
