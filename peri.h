@@ -372,7 +372,7 @@ PERI_DEF peri_collider_id peri_collider_create(peri_world *world, const peri_col
 PERI_DEF peri_result peri_collider_destroy(peri_world *world, peri_collider_id collider);
 
 /* Puts a collider somewhere (teleports) and sets how it moves from there. For a rigid body of a game: call it every
-   frame with that body's pose and velocity. */
+   frame with that body's pose and velocity; what sleeps on it wakes only when the pose is another. */
 PERI_DEF peri_result peri_collider_set_pose(peri_world *world, peri_collider_id collider, peri_vec3 position,
                                             peri_quat rotation);
 /* How the collider moves during the steps to come: m/s, and rad/s about its position. */
@@ -4324,13 +4324,19 @@ peri_result peri_collider_destroy(peri_world *w, peri_collider_id id) {
 
 peri_result peri_collider_set_pose(peri_world *w, peri_collider_id id, peri_vec3 position, peri_quat rotation) {
     peri__collider *c = peri__collider_find(w, id);
+    double before[3];
+    peri_quat was;
     peri_result bad;
+    int k;
     if (!c) return peri__no_collider(w, id);
     bad = peri__finite_vec("position", position, &w->error);
     if (!bad) bad = peri__check_quat("rotation", rotation, &w->error);
     if (bad) return peri__report(w, bad);
+    memcpy(before, c->position, sizeof before);
+    was = c->quat;
     peri__collider_place(c, position, rotation);
-    c->moved = 1;
+    for (k = 0; k < 3; k++) c->moved |= before[k] < c->position[k] || before[k] > c->position[k];
+    c->moved |= memcmp(&was, &c->quat, sizeof was) != 0;
     return PERI_OK;
 }
 
