@@ -5376,13 +5376,13 @@ static void peri__attachment_scatter(const peri_world *w, const peri__attachment
     for (c = 0; c < 3; c++) at[c] += (peri_real)t->force[c];
 }
 
-/* After a step: impulses to colliders, who is held; what pulls too hard breaks. */
+/* After a step: impulses to colliders, who is held. */
 static void peri__attachments_commit(peri_world *w, double dt) {
     int k, c;
     for (k = 0; k < w->attachments.capacity; k++) {
         peri__attachment *t = peri__attachment_at(w, k);
         peri__body *a;
-        double push[3], end[3], limit;
+        double push[3], end[3];
         if (!t || peri__body_at(w, t->body)->asleep) continue;
         a = peri__body_at(w, t->body);
         peri__attachment_force_now(w, t);
@@ -5395,8 +5395,16 @@ static void peri__attachments_commit(peri_world *w, double dt) {
             if (peri__collider_moves(solid)) a->restless = 1;
         }
         if (t->other < 0) a->held = 1;
-        limit = (double)t->def.break_force;
-        if (!(peri__dot3(t->force, t->force) > limit * limit)) continue;
+    }
+}
+
+/* What pulled too hard breaks: after the momenta of the step, of which its pull was a part. */
+static void peri__attachments_break(peri_world *w) {
+    int k;
+    for (k = 0; k < w->attachments.capacity; k++) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        double limit = t ? (double)t->def.break_force : 0;
+        if (!t || peri__body_at(w, t->body)->asleep || !(peri__dot3(t->force, t->force) > limit * limit)) continue;
         peri__attachment_changed(w, t);
         peri__slot_free(&w->attachments, &t->slot);
         w->stats.broken++;
@@ -6632,6 +6640,7 @@ static void peri__step_commit(peri_world *w, double dt) {
         peri__attachments_commit(w, dt);
         groups = peri__chains_make(w, 1);
         for (k = 0; k < groups; k++) peri__group_commit(w, w->islands[k].first, dt);
+        peri__attachments_break(w);
         peri__sleep_check(w, dt);
     }
     for (k = 0; k < w->colliders.capacity; k++) {
