@@ -4829,6 +4829,7 @@ static double peri__contact_look(const peri_world *w, peri__contact *t, const do
    and normal are those of the end of the path, or, when it has gone through, of the place where it came in. */
 static int peri__contact_march(const peri_world *w, peri__contact *t, const double path[3], double length) {
     double away[3], at = -1, margin = 1.25 * t->distance + length, steps = ceil(length / (0.5 * t->distance));
+    double side = t->body < t->target - PERI__TARGET_BODY ? -1 : 1;     /* in the same place: one goes down, one up */
     peri__contact found;
     int k, c, pieces = steps < 1 ? 1 : steps > PERI__MARCH ? PERI__MARCH : (int)steps, came = 0;
     if (margin > 2 * t->distance) margin = 2 * t->distance;
@@ -4837,7 +4838,7 @@ static int peri__contact_march(const peri_world *w, peri__contact *t, const doub
         if (at < 0 || came) continue;
         if (t->known) peri__contact_turn(t, away);
         else
-            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2;
+            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2 ? side : 0;
         if (k == pieces || (at > t->distance && peri__dot3(away, t->normal) > 0)) continue;
         came = 1;           /* the first place where it touches ... */
         found = *t;
