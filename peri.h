@@ -5571,8 +5571,7 @@ static void peri__matrix_values(peri_world *w, peri__body *b) {
 
 static size_t peri__pin_at(const peri__body *b, int i) { return 3 * (size_t)b->at + (size_t)i; }
 
-/* What contacts and attachments want to see in the diagonals of an island's matrices, N/m, into p, which is scratch
-   here: contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
+/* What contacts and joints want to see in the diagonals of an island's matrices, N/m, into p, which is scratch here: contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
 static void peri__island_pin(peri_world *w, const peri__island *island, int guessing) {
     const peri__body *b;
     int i, k;
@@ -5588,6 +5587,7 @@ static void peri__island_pin(peri_world *w, const peri__island *island, int gues
     }
     for (i = island->attachment; i >= 0; i = peri__attachment_at(w, i)->next) {
         const peri__attachment *t = peri__attachment_at(w, i);
+        if (t->length > 0) continue;    /* stiff along itself only: pinned, a pendulum's corrections would seem small */
         b = peri__body_at(w, t->body);
         w->p[peri__pin_at(b, t->def.particle)] += (peri_real)t->stiffness;
         b = t->other >= 0 ? peri__body_at(w, t->other) : NULL;
