@@ -5571,7 +5571,8 @@ static void peri__matrix_values(peri_world *w, peri__body *b) {
 
 static size_t peri__pin_at(const peri__body *b, int i) { return 3 * (size_t)b->at + (size_t)i; }
 
-/* What contacts and joints want to see in the diagonals of an island's matrices, N/m, into p, which is scratch here: contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
+/* What contacts and joints want to see in the diagonals of an island's matrices, N/m, into p, which is scratch here:
+   contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
 static void peri__island_pin(peri_world *w, const peri__island *island, int guessing) {
     const peri__body *b;
     int i, k;
@@ -5835,6 +5836,96 @@ static void peri__positions_set(const peri__solve *s, const double *from, double
     }
 }
 
+/* The rigid motions of a body, in the metric D = mass/h^2 + pins that stands for the stiffness against them: the bonds
+   have none. With the centre of D, moves and turns do not mix. */
+typedef struct peri__coarse {
+    double weight, centre[3], inverse[9];
+} peri__coarse;
+
+static double peri__coarse_weight(const peri_world *w, const peri__body *b, int i) {
+    return (double)w->mass[b->first + i] / (b->h * b->h) + (double)b->pinned[i];
+}
+
+static void peri__coarse_make(const peri_world *w, const peri__body *b, peri__coarse *r) {
+    const double *x = w->x + 3 * (size_t)b->first;
+    double a[9], d, det, scale = 0;
+    int i, c;
+    memset(r, 0, sizeof *r);
+    memset(a, 0, sizeof a);
+    for (i = 0; i < b->count; i++) {
+        d = peri__coarse_weight(w, b, i);
+        r->weight += d;
+        for (c = 0; c < 3; c++) r->centre[c] += d * x[3 * i + c];
+    }
+    for (c = 0; c < 3; c++) r->centre[c] /= r->weight;
+    for (i = 0; i < b->count; i++) {
+        double arm[3], square;
+        d = peri__coarse_weight(w, b, i);
+        for (c = 0; c < 3; c++) arm[c] = x[3 * i + c] - r->centre[c];
+        square = peri__dot3(arm, arm);
+        for (c = 0; c < 9; c++) a[c] += d * ((c % 4 == 0 ? square : 0) - arm[c / 3] * arm[c % 3]);
+    }
+    for (c = 0; c < 9; c += 4) scale += a[c] / 3;
+    det = peri_det3(a);
+    if (!(det > 1e-9 * scale * scale * scale)) return;     /* a point or a line: moves only */
+    peri_adjugate3(a, r->inverse);
+    for (c = 0; c < 9; c++) r->inverse[c] /= det;
+}
+
+/* The rigid motion that v does work on, v being forces, or (weighted) motions, which D makes forces of. */
+static void peri__coarse_project(const peri_world *w, const peri__body *b, const peri__coarse *r, const peri_real *v,
+                                 int weighted, double move[3], double turn[3]) {
+    const double *x = w->x + 3 * (size_t)b->first;
+    double moment[3] = {0, 0, 0};
+    int i, c;
+    move[0] = move[1] = move[2] = 0;
+    for (i = 0; i < b->count; i++) {
+        double d = weighted ? peri__coarse_weight(w, b, i) : 1, arm[3], force[3], part[3];
+        for (c = 0; c < 3; c++) {
+            arm[c] = x[3 * i + c] - r->centre[c];
+            force[c] = d * (double)v[3 * i + c];
+            move[c] += force[c];
+        }
+        peri__cross(arm, force, part);
+        for (c = 0; c < 3; c++) moment[c] += part[c];
+    }
+    for (c = 0; c < 3; c++) move[c] /= r->weight;
+    peri__apply(r->inverse, moment, turn);
+}
+
+/* out = v + factor * the rigid motion, times D where weighted. */
+static void peri__coarse_add(const peri_world *w, const peri__body *b, const peri__coarse *r, const double move[3],
+                             const double turn[3], int weighted, double factor, const peri_real *v, peri_real *out) {
+    const double *x = w->x + 3 * (size_t)b->first;
+    int i, c;
+    for (i = 0; i < b->count; i++) {
+        double d = weighted ? factor * peri__coarse_weight(w, b, i) : factor, arm[3], way[3];
+        for (c = 0; c < 3; c++) arm[c] = x[3 * i + c] - r->centre[c];
+        peri__cross(turn, arm, way);
+        for (c = 0; c < 3; c++) out[3 * i + c] = (peri_real)((double)v[3 * i + c] + d * (move[c] + way[c]));
+    }
+}
+
+/* The global step of a body that hangs, on two levels. The matrix, which sees every coordinate by itself, takes a turn for a
+   shear, and would answer a torque on a stiff body with hundreds of small steps, each below the tolerance. So the rigid
+   motion is solved for by itself, and the matrix has the rest: Z A^-1 Z' + (1 - D Z A^-1 Z')' P^-1 (1 - D Z A^-1 Z'),
+   symmetric and positive (Z: rigid motions, A = Z' D Z). */
+static void peri__global_free(peri_world *w, const peri__body *b, const peri_real *g, peri_real *rest, peri_real *p) {
+    peri__coarse r;
+    double move[3], turn[3], back[3], turn_back[3];
+    int c;
+    peri__coarse_make(w, b, &r);
+    peri__coarse_project(w, b, &r, g, 0, move, turn);
+    peri__coarse_add(w, b, &r, move, turn, 1, -1, g, rest);
+    peri__global_body(w, b, rest, p);
+    peri__coarse_project(w, b, &r, p, 1, back, turn_back);
+    for (c = 0; c < 3; c++) {
+        move[c] -= back[c];
+        turn[c] -= turn_back[c];
+    }
+    peri__coarse_add(w, b, &r, move, turn, 0, 1, p, p);
+}
+
 /* p = P^-1 g, body by body (peri_precondition). */
 static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
     const peri__solve *s = (const peri__solve *)context;
@@ -5842,7 +5933,8 @@ static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
     const peri__body *b;
     for (b = peri__first(s); b; b = peri__next(s, b)) {
         size_t at = 3 * (size_t)(b->at - s->island.at);
-        peri__global_body(s->w, b, g + at, p + at);
+        if (b->fixed || s->island.attachment < 0) peri__global_body(s->w, b, g + at, p + at);
+        else peri__global_free(s->w, b, g + at, s->g1 + at, p + at);
     }
     s->w->stats.profile.global += 1e3 * (peri__clock(s->w) - start);
 }

@@ -100,7 +100,8 @@ static void grains_in_a_buffer(void) {
     b = body_of(w, 1e6);
     for (i = 0; i < 4; i++)
         for (j = 0; j < 4; j++)
-            for (k = 0; k < 4; k++) cube(w, &b, 1, 0.1, 0.1 * i + 0.05 * (k % 2), 0.1 * j + 0.05 * (k % 2), 0.05 + 0.071 * k);
+            for (k = 0; k < 4; k++)
+                cube(w, &b, 1, 0.1, 0.1 * i + 0.05 * (k % 2), 0.1 * j + 0.05 * (k % 2), 0.05 + 0.071 * k);
     run(w, 60);
     CHECK(peri_world_stats(w).contacts > 0);
     CHECK(hook_calls == 0);
@@ -479,6 +480,161 @@ static void crowded_patch(void) {
     peri_world_destroy(w);
 }
 
+/* ---- who sleeps, who wakes --------------------------------------------------------------------------------------- */
+
+/* A pile of two and one apart, asleep. */
+static peri_world *sleepers(peri_body_id id[3], peri_collider_id *solid, double sleep_speed) {
+    peri_world_def d = peri_default_world_def();
+    peri_collider_def c = peri_default_collider_def();
+    peri_world *w;
+    peri_body_def b;
+    int k;
+    d.sleep_speed = (peri_real)sleep_speed;
+    w = world_of(&d);
+    c.shape = peri_shape_box(2, 2, (peri_real)0.5);
+    c.position = vec3(0, 0, -0.5);
+    *solid = peri_collider_create(w, &c);
+    b = body_of(w, 1e6);
+    for (k = 0; k < 3; k++) id[k] = cube(w, &b, 4, 0.05, k == 2, 0, k == 1 ? 0.303 : 0.101);
+    for (k = 0; k < 240; k++) {
+        run(w, 1);
+        /* games put a collider where their body is, every frame: that must not keep awake what rests on it */
+        peri_collider_set_pose(w, *solid, vec3(0, 0, -0.5), axis_quat(2, 0));
+    }
+    return w;
+}
+
+/* Each change wakes the pile that it concerns, both bodies of it, and not the other; then they sleep again where they
+   were: an awake step at rest moves nothing by more than its tolerance, 1e-3 d, 300 times. */
+static void changes_wake(void) {
+    peri_body_id id[3];
+    peri_collider_id solid;
+    peri_world *w = sleepers(id, &solid, 0.05);
+    peri_real zero[3] = {0, 0, 0};
+    peri_vec3 push = vec3(0, 0, 0);
+    double weight = 3 * 0.008 * 1000 * 9.81, before = measure(w, id[1]).centre[2];
+    int k, count, again;
+    uint64_t frozen;
+    CHECK(peri_world_stats(w).asleep == 3);
+    frozen = peri_world_hash(w);
+    run(w, 60);
+    CHECK(peri_world_hash(w) == frozen && peri_world_stats(w).iterations == 0 && peri_world_stats(w).islands == 0);
+    peri_world_contacts(w, NULL, 0, &count);
+    CHECK(count > 0);
+    peri_collider_impulse(w, solid, &push, NULL);
+    NEAR(-(double)push.z * 60, weight, 0.01 * weight);
+    peri_world_step(w, DT / 2);
+    peri_collider_impulse(w, solid, &push, NULL);
+    NEAR(-(double)push.z * 120, weight, 0.01 * weight);
+    for (k = 0; k < 4; k++) {
+        switch (k) {
+        case 0: peri_body_set_velocities(w, id[0], 0, 1, zero); break;
+        case 1: peri_body_wake(w, id[1]); break;
+        case 2: peri_body_set_positions(w, id[1], 5, 1, peri_body_positions(w, id[1]) + 15); break;
+        default: peri_body_set_fixed(w, id[0], 3, 1); break;
+        }
+        CHECK(!peri_body_is_asleep(w, id[0]) && !peri_body_is_asleep(w, id[1]) && peri_body_is_asleep(w, id[2]));
+        for (again = 0; again < 300 && peri_world_stats(w).asleep < 3; again++) run(w, 1);
+        CHECK(peri_world_stats(w).asleep == 3);
+        NEAR(measure(w, id[1]).centre[2], before, 300 * 1e-3 * 0.05);
+    }
+    peri_collider_set_pose(w, solid, vec3(0, 0, -0.501), axis_quat(2, 0));     /* 1 mm lower: all fall after it */
+    run(w, 1);
+    CHECK(peri_world_stats(w).asleep == 0);
+    run(w, 300);
+    CHECK(peri_world_stats(w).asleep == 3);
+    CHECK(!peri_collider_destroy(w, solid));
+    CHECK(peri_world_stats(w).asleep == 0);
+    run(w, 60);
+    CHECK(measure(w, id[2]).centre[2] < -1);
+    peri_world_destroy(w);
+    w = sleepers(id, &solid, 0);
+    CHECK(peri_world_stats(w).asleep == 0);
+    peri_world_destroy(w);
+}
+
+/* ---- the same bits ----------------------------------------------------------------------------------------------- */
+
+/* Pieces from the last to the first. */
+static void backwards(int count, int grain, peri_task *task, void *context, void *user) {
+    int k;
+    (void)user;
+    for (k = (count - 1) / grain; k >= 0; k--)
+        task(k * grain, (k + 1) * grain < count ? (k + 1) * grain : count, context);
+}
+
+/* What a game does, at random: bodies come, go, leap, are joined and pushed while they touch or sleep. Whatever it is,
+   steps succeed or say why, numbers stay finite, and the same calls give the same bits: with pieces of loops in another
+   order, and in a buffer. */
+static uint64_t turmoil(int how, uint64_t seed, int steps) {
+    peri_world_def d = peri_default_world_def();
+    peri_collider_def c = peri_default_collider_def();
+    peri_world *w;
+    peri_body_def b;
+    peri_body_id id[6];
+    peri_attachment_id tie[4];
+    void *buffer = NULL;
+    uint64_t hash;
+    int k, n, at;
+    memset(id, 0, sizeof id);
+    memset(tie, 0, sizeof tie);
+    d.max_particles = 6 * 64;
+    d.max_bodies = 6;
+    d.max_bonds = 6 * 1500;
+    d.max_materials = d.max_colliders = d.max_skins = 2;
+    d.max_attachments = 4;
+    d.spare_bytes = 4 << 20;
+    if (how == 1) d.parallel.run = backwards, d.parallel.threads = 2;
+    if (how == 2) buffer = malloc(peri_world_size(&d));
+    w = how == 2 ? peri_world_create_in(&d, buffer, peri_world_size(&d), NULL) : world_of(&d);
+    CHECK(w != NULL);
+    if (!w) return 0;
+    peri_collider_create(w, &c);
+    b = body_of(w, 2e5);
+    random_seed(seed);
+    for (n = 0; n < steps; n++) {
+        int act = (int)between(0, 60);
+        peri_real v[3] = {(peri_real)uniform(), (peri_real)uniform(), (peri_real)uniform()};
+        at = (int)between(0, 6);
+        k = (int)between(0, 4);
+        if (act == 0 || !peri_body_is_valid(w, id[at])) {
+            if (peri_body_is_valid(w, id[at])) peri_body_destroy(w, id[at]);
+            b.self_contact = k == 0;
+            b.velocity = vec3(uniform(), uniform(), -1);
+            id[at] = cube(w, &b, 1 + k, 0.06, 0.2 * uniform(), 0.2 * uniform(), between(0.2, 1));
+        }
+        if (act == 1) peri_body_set_positions(w, id[at], 0, 1, v);
+        if (act == 2) peri_body_set_velocities(w, id[at], 0, 1, v);
+        if (act == 3) peri_body_set_fixed(w, id[at], 0, k & 1);
+        if (act == 4) {
+            peri_attachment_def a = peri_default_attachment_def();
+            a.body = id[at];
+            a.other = id[(at + 1 + k) % 6];
+            a.rope = k & 1;
+            a.break_force = 300;
+            if (peri_attachment_is_valid(w, tie[k])) peri_attachment_destroy(w, tie[k]);
+            tie[k] = peri_attachment_create(w, &a);
+        }
+        if (act == 5) peri_body_wake(w, id[at]);
+        if (peri_world_step(w, act == 6 ? DT / 3 : DT)) complain_of(w, "step");
+        if (test_bad) break;
+    }
+    hash = peri_world_hash(w);
+    peri_world_destroy(w);
+    free(buffer);
+    return hash;
+}
+
+static void same_bits(void) {
+    int k;
+    for (k = 0; k < 4; k++) {
+        uint64_t plain = turmoil(0, (uint64_t)k, 150);
+        CHECK(turmoil(0, (uint64_t)k, 150) == plain);
+        CHECK(turmoil(1, (uint64_t)k, 150) == plain);
+        CHECK(turmoil(2, (uint64_t)k, 150) == plain);
+    }
+}
+
 /* ---- main -------------------------------------------------------------------------------------------------------- */
 
 int main(int argc, char **argv) {
@@ -494,5 +650,7 @@ int main(int argc, char **argv) {
     RUN(no_radius);
     RUN(groups);
     RUN(crowded_patch);
+    RUN(changes_wake);
+    RUN(same_bits);
     return test_end();
 }
