@@ -1,5 +1,5 @@
-/* test_attachments.c - springs, ropes and rigid joints: their forces, momenta, breaking, what they wake. A first look at
- * each is in test_contact.c; wrong definitions too. */
+/* test_attachments.c - springs, ropes and rigid joints: forces, momenta, breaking, what they wake. A first look at each
+ * is in test_contact.c; wrong definitions too. */
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
 
@@ -121,9 +121,10 @@ static void turning_frame(void) {
     peri_world_destroy(w);
 }
 
-/* Two free boxes on a spring between corners, flying past each other: both momenta of the world are kept, to the rounding
-   of velocities (EPS of each, 300 steps: 100 EPS) in backward Euler, where positions follow velocities exactly. In
-   double the sums, over 91 particles in every step, are rounded no finer than what they add: at worst 300 * 91^1/2 EPS. */
+/* Two free boxes on a spring between corners, flying past each other: both momenta are kept, to the rounding of
+   velocities (EPS of each, 300 steps: 100 EPS) in backward Euler, where positions follow velocities exactly. In
+   double the sums, over 91 particles in every step, are rounded no finer than what they add: at worst
+   300 * 91^1/2 EPS. */
 static void momenta(void) {
     peri_world *w = world_of(0, 0.05);
     peri_attachment_def d = peri_default_attachment_def();
@@ -151,8 +152,8 @@ static void momenta(void) {
     peri_world_destroy(w);
 }
 
-/* It breaks in the step that ends above its force, not earlier; and that step is the same as that of a twin which cannot
-   break, momenta included. Then both fly on by themselves. */
+/* It breaks in the step that ends above its force, not earlier; and that step is the same as that of a twin that
+   cannot break, momenta included. Then both fly on by themselves. */
 static void breaking(void) {
     peri_world *w[2];
     peri_body_id one[2], two[2];
@@ -196,8 +197,8 @@ static void breaking(void) {
     peri_world_destroy(w[1]);
 }
 
-/* A pendulum is still at its turning points, but not for half a second: it never sleeps while it swings. 30 degrees, and
-   one: there it is accelerated by 0.17 m/s^2, so slower than 0.05 * 0.05 m/s for 0.03 s. When backward Euler has damped
+/* A pendulum is still at its turning points, but not for half a second: it does not sleep while it swings. 30 degrees,
+   and one: there it is accelerated by 0.17 m/s^2, so slower than 0.05 * 0.05 m/s for 0.03 s. When backward Euler has damped
    it, it sleeps: below. */
 static void pendulum(void) {
     static const double angle[2] = {30, 1};
@@ -261,7 +262,7 @@ static void changes_wake(void) {
     CHECK(!peri_body_is_asleep(w, low) && peri_body_is_asleep(w, apart));
     run(w, 240);
     CHECK(peri_world_stats(w).asleep == 2);
-    CHECK(!peri_attachment_set_point(w, id, vec3(0, 0, 0)));    /* of the frame, so 1 m high: 0.9 m * 2000 N/m of pull */
+    CHECK(!peri_attachment_set_point(w, id, vec3(0, 0, 0)));    /* of the frame: 1 m high */
     CHECK(!peri_body_is_asleep(w, low) && peri_body_is_asleep(w, apart));
     run(w, 1200);
     weight = measure(w, low).mass * 9.81;

@@ -235,7 +235,7 @@ static void *bank_resize(void *ptr, size_t old_bytes, size_t new_bytes, void *us
         } \
     } while (0)
 
-/* Bodies that meet, are joined and part, with the fail_at-th request for memory refused. Returns the hash of the end. */
+/* Bodies that meet, are joined and part, with one request for memory refused. Returns the hash of the end. */
 static uint64_t starving(bank *k, int *met) {
     peri_world_def d = peri_default_world_def();
     peri_world *w;
@@ -323,13 +323,15 @@ static void failed_step_wakes_nobody(void) {
     high = cube(w, &b, 4, 0.05, 0.01, 0.02, 0.5);
     for (k = 0; k < 20 && peri_body_is_asleep(w, low); k++) {
         hash = peri_world_hash(w);
-        w->def.max_iterations = 1;
+        w->def.max_iterations = 1;      /* not enough to land */
         w->def.tolerance = (peri_real)1e-5;
         if (peri_world_step(w, DT)) {
             failed++;
             CHECK(peri_world_hash(w) == hash);
             CHECK(peri_body_is_asleep(w, low));
             CHECK(peri_world_stats(w).asleep == 1);
+        } else {
+            continue;   /* it flies freely */
         }
         w->def.max_iterations = 200;
         w->def.tolerance = d.tolerance;
@@ -366,7 +368,7 @@ static void coincident(void) {
         q = measure(w, two);
         s = measure(w, all);
         for (k = 0; k < 3; k++) apart[k] = p.centre[k] - q.centre[k];
-        printf("    %d points on %d points: after 1 s centres %.3g d apart, momentum %.2g of %.2g\n", n * n * n, n * n * n,
+        printf("    %d points on as many: after 1 s centres %.3g d apart, momentum %.2g of %.2g\n", n * n * n,
                norm(apart, 3) / 0.1, norm(s.momentum, 3), sqrt(2 * s.mass * s.kinetic));
         CHECK(norm(s.momentum, 3) <= 100 * EPS * (sqrt(2 * s.mass * s.kinetic) + s.mass * 1e-6));
         if (n == 1) CHECK(norm(apart, 3) > 0.09);   /* single particles: until they no longer touch */
@@ -387,7 +389,7 @@ static void single_particles(void) {
     low = cube(w, &b, 1, 0.1, 0, 0, 0.051);
     high = cube(w, &b, 1, 0.1, 0, 0, 0.152);
     for (k = 0; k < 30; k++) run(w, 1);
-    /* its stiffness is m/h^2 alone: it sinks by g h^2 for every weight that it bears, twice that where half of it counts */
+    /* its stiffness is m/h^2 alone: it sinks by g h^2 a weight, twice that where half of it counts */
     NEAR(measure(w, low).centre[2], 0.05, 3 * 9.81 / 3600 + 0.001);
     NEAR(measure(w, high).centre[2] - measure(w, low).centre[2], 0.1, 2 * 9.81 / 3600 + 0.001);
     peri_world_destroy(w);
@@ -474,7 +476,7 @@ static void crowded_patch(void) {
     peri_world_contacts(w, touch, 4000, &count);
     for (k = 0; k < count; k++)
         carried += (touch[k].body.index1 == high.index1 ? 1 : -1) * (double)touch[k].force.z;
-    /* at rest the contacts bear the weight; 1 %: the residual that 1e-3 d leaves is of that order for the softest contact */
+    /* at rest the contacts bear the weight; 1 %: what 1e-3 d leaves for the softest contact */
     NEAR(carried / (measure(w, high).mass * 9.81), 1, 0.01);
     NEAR(measure(w, high).lower[2], 0.085, 0.01 * 0.15);
     free(points);
@@ -621,7 +623,8 @@ static uint64_t turmoil(int how, uint64_t seed, int steps) {
         if (peri_world_step(w, act == 6 ? DT / 3 : DT)) complain_of(w, "step");
         if (test_bad) break;
     }
-    hash = peri__hash_bytes(0, w->x, 3 * (size_t)w->particles * sizeof *w->x);  /* a buffer holds more arrays: no world hash */
+    /* not the world's hash: it takes in what arrays there are, and a buffer has all */
+    hash = peri__hash_bytes(0, w->x, 3 * (size_t)w->particles * sizeof *w->x);
     hash = peri__hash_bytes(hash, w->v, 3 * (size_t)w->particles * sizeof *w->v);
     peri_world_destroy(w);
     free(buffer);
