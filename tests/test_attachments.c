@@ -198,8 +198,8 @@ static void breaking(void) {
 }
 
 /* A pendulum is still at its turning points, but not for half a second: it does not sleep while it swings. 30 degrees,
-   and one: there it is accelerated by 0.17 m/s^2, so slower than 0.05 * 0.05 m/s for 0.03 s. When backward Euler has damped
-   it, it sleeps: below. */
+   and one: there it is accelerated by 0.17 m/s^2, so slower than 0.05 * 0.05 m/s for 0.03 s. When backward Euler has
+   damped it, it sleeps: below. */
 static void pendulum(void) {
     static const double angle[2] = {30, 1};
     int k, n;
