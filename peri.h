@@ -374,7 +374,7 @@ PERI_DEF peri_collider_id peri_collider_create(peri_world *world, const peri_col
 PERI_DEF peri_result peri_collider_destroy(peri_world *world, peri_collider_id collider);
 
 /* Puts a collider somewhere (teleports) and sets how it moves from there. For a rigid body of a game: call it every
-   frame with that body's pose and velocity. */
+   frame with that body's pose and velocity; what sleeps on it wakes only when the pose is another. */
 PERI_DEF peri_result peri_collider_set_pose(peri_world *world, peri_collider_id collider, peri_vec3 position,
                                             peri_quat rotation);
 /* How the collider moves during the steps to come: m/s, and rad/s about its position. */
@@ -674,6 +674,8 @@ typedef struct peri__body {
     int touching, held;         /* after the step: it touches something; that does not move freely */
     int restless;               /* what it touches moves by itself */
     int asleep;                 /* number of the group that it sleeps with, or 0 */
+    int asleep0, still_steps0;  /* the same before the step, to go back to */
+    double still0;
     int still_steps, tired, calm;   /* calm: nearly as slow, so solved more exactly */
     double still;               /* s that it has been slow */
 #ifndef PERI_NO_CHOLESKY
@@ -2797,9 +2799,11 @@ static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t
            particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
 }
 
-/* In a buffer there is room for two contacts a particle, which is more than bodies have. */
+/* In a buffer there is room for two contacts a particle, which is more than large bodies have, and 24 a body, for those
+   of a few particles, each of which may have neighbours all around. */
 static int peri__most_contacts(const peri_world_def *d) {
-    return d->max_contacts < 2 * d->max_particles ? d->max_contacts : 2 * d->max_particles;
+    int room = 2 * d->max_particles + 24 * d->max_bodies;
+    return d->max_contacts < room ? d->max_contacts : room;
 }
 
 typedef struct peri__layout_total {
@@ -2868,12 +2872,13 @@ peri_world *peri_world_create(const peri_world_def *def, peri_error *err) {
 
 /* Room for n contacts, and as many holds. */
 static peri_result peri__contacts_reserve(peri_world *w, int n) {
-    static const char *const more = "more than %d contacts: raise max_contacts of the world's definition";
     void *array[4];
     size_t size[4];
     int now = 2 * w->contact_capacity, most = w->buffer ? peri__most_contacts(&w->def) : w->def.max_contacts, k;
     if (n <= w->contact_capacity) return PERI_OK;
-    if (n > most) return peri__fail(&w->error, PERI_ERROR_LIMIT, more, most);
+    if (n > most)
+        return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d contacts: raise %s of the world's definition", most,
+                          most < w->def.max_contacts ? "max_particles or max_bodies" : "max_contacts");
     now = now < 256 ? 256 : now;
     now = now < n ? n : now > most ? most : now;
     array[0] = w->contacts, size[0] = sizeof *w->contacts;
@@ -4352,13 +4357,19 @@ peri_result peri_collider_destroy(peri_world *w, peri_collider_id id) {
 
 peri_result peri_collider_set_pose(peri_world *w, peri_collider_id id, peri_vec3 position, peri_quat rotation) {
     peri__collider *c = peri__collider_find(w, id);
+    double before[3];
+    peri_quat was;
     peri_result bad;
+    int k;
     if (!c) return peri__no_collider(w, id);
     bad = peri__finite_vec("position", position, &w->error);
     if (!bad) bad = peri__check_quat("rotation", rotation, &w->error);
     if (bad) return peri__report(w, bad);
+    memcpy(before, c->position, sizeof before);
+    was = c->quat;
     peri__collider_place(c, position, rotation);
-    c->moved = 1;
+    for (k = 0; k < 3; k++) c->moved |= before[k] < c->position[k] || before[k] > c->position[k];
+    c->moved |= memcmp(&was, &c->quat, sizeof was) != 0;
     return PERI_OK;
 }
 
@@ -4851,6 +4862,7 @@ static double peri__contact_look(const peri_world *w, peri__contact *t, const do
    and normal are those of the end of the path, or, when it has gone through, of the place where it came in. */
 static int peri__contact_march(const peri_world *w, peri__contact *t, const double path[3], double length) {
     double away[3], at = -1, margin = 1.25 * t->distance + length, steps = ceil(length / (0.5 * t->distance));
+    double side = t->body < t->target - PERI__TARGET_BODY ? -1 : 1;     /* in the same place: one goes down, one up */
     peri__contact found;
     int k, c, pieces = steps < 1 ? 1 : steps > PERI__MARCH ? PERI__MARCH : (int)steps, came = 0;
     if (margin > 2 * t->distance) margin = 2 * t->distance;
@@ -4859,7 +4871,7 @@ static int peri__contact_march(const peri_world *w, peri__contact *t, const doub
         if (at < 0 || came) continue;
         if (t->known) peri__contact_turn(t, away);
         else
-            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2;
+            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2 ? side : 0;
         if (k == pieces || (at > t->distance && peri__dot3(away, t->normal) > 0)) continue;
         came = 1;           /* the first place where it touches ... */
         found = *t;
@@ -4986,22 +4998,39 @@ static peri_result peri__contacts_colliders(peri_world *w, int k) {
 
 static int peri__bodies_meet(const peri__body *a, const peri__body *b) {
     int c;
-    if (a == b) return a->self_contact;
+    if (a == b) return a->self_contact && a->radius > 0;
     if (!(a->group & b->touches) || !(b->group & a->touches) || !(a->radius + b->radius > 0)) return 0;
     for (c = 0; c < 3; c++)
         if (a->upper[c] < b->lower[c] || b->upper[c] < a->lower[c]) return 0;
     return 1;
 }
 
-static int peri__edge_order(const void *a, const void *b) {
+static int peri__edge_before(const void *a, const void *b) {
     const peri__edge *x = (const peri__edge *)a, *y = (const peri__edge *)b;
-    if (x->lower < y->lower || x->lower > y->lower) return x->lower < y->lower ? -1 : 1;
-    return x->body - y->body;
+    return x->lower < y->lower || (!(x->lower > y->lower) && x->body < y->body);
 }
 
-static int peri__pair_order(const void *a, const void *b) {
-    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
-    return (x > y) - (x < y);
+static int peri__pair_before(const void *a, const void *b) { return *(const uint64_t *)a < *(const uint64_t *)b; }
+
+/* Heap sort of n things of `size` bytes, at most 16: the C library's qsort may allocate. */
+static void peri__sort(void *data, size_t n, size_t size, int (*before)(const void *a, const void *b)) {
+    char *at = (char *)data, held[16];
+    size_t begin = n / 2, end = n, k, child;
+    if (n < 2) return;
+    while (end > 1) {
+        if (begin > 0) {
+            memcpy(held, at + --begin * size, size);
+        } else {
+            memcpy(held, at + --end * size, size);
+            memcpy(at + end * size, at, size);
+        }
+        for (k = begin; (child = 2 * k + 1) < end; k = child) {
+            if (child + 1 < end && before(at + child * size, at + (child + 1) * size)) child++;
+            if (!before(held, at + child * size)) break;
+            memcpy(at + k * size, at + child * size, size);
+        }
+        memcpy(at + k * size, held, size);
+    }
 }
 
 static peri_result peri__pair_add(peri_world *w, int a, int b) {
@@ -5031,7 +5060,7 @@ static peri_result peri__pairs_find(peri_world *w) {
         w->sweep[n].lower = b->lower[0];
         w->sweep[n++].body = k;
     }
-    qsort(w->sweep, (size_t)n, sizeof *w->sweep, peri__edge_order);
+    peri__sort(w->sweep, (size_t)n, sizeof *w->sweep, peri__edge_before);
     for (i = 0; i < n && !bad; i++) {
         const peri__body *a = peri__body_at(w, w->sweep[i].body);
         for (j = i; j < n && !bad; j++) {
@@ -5042,7 +5071,7 @@ static peri_result peri__pairs_find(peri_world *w) {
             if (!bad && !b->asleep && i != j) bad = peri__pair_add(w, w->sweep[j].body, w->sweep[i].body);
         }
     }
-    if (w->pair_count > 1) qsort(w->pairs, (size_t)w->pair_count, sizeof *w->pairs, peri__pair_order);
+    peri__sort(w->pairs, (size_t)w->pair_count, sizeof *w->pairs, peri__pair_before);
     return bad;
 }
 
@@ -5096,9 +5125,16 @@ static void peri__contacts_retreat(peri_world *w) {
     for (i = 0; i < w->contact_count; i++) peri__contact_force(w, &w->contacts[i]);
 }
 
-/* Both ends sleep: what holds between them stays. */
+/* What holds a sleeping body stays. */
 static int peri__hold_sleeps(const peri_world *w, const peri__hold *hold) {
     return peri__body_at(w, hold->body)->asleep != 0;
+}
+
+/* Room for what this step may have to remember: its contacts, and what sleeps. */
+static peri_result peri__holds_reserve(peri_world *w) {
+    int k, n = w->contact_count;
+    for (k = 0; k < w->hold_count && w->asleep; k++) n += peri__hold_sleeps(w, &w->holds[k]);
+    return peri__contacts_reserve(w, n);
 }
 
 /* What is to be remembered of a contact. */
@@ -5146,8 +5182,10 @@ static void peri__contacts_commit(peri_world *w, double dt) {
         peri__hold_take(w, t, hold);
         a->touching = 1;
         if (t->depth > w->overlap * a->spacing) w->overlap = t->depth / a->spacing;
-        if (b) b->touching = 1;
-        else {
+        if (b) {
+            b->touching = 1;
+            a->held |= b->asleep != 0;  /* a sleeper is a wall: it gives momentum to what meets it */
+        } else {
             peri__collider *solid = (peri__collider *)(void *)peri__slot_at(&w->colliders, t->target);
             size_t at = 3 * (size_t)(a->first + t->particle);
             double push[3];
@@ -5372,13 +5410,13 @@ static void peri__attachment_scatter(const peri_world *w, const peri__attachment
     for (c = 0; c < 3; c++) at[c] += (peri_real)t->force[c];
 }
 
-/* After a step: impulses to colliders, who is held; what pulls too hard breaks. */
+/* After a step: impulses to colliders, who is held. */
 static void peri__attachments_commit(peri_world *w, double dt) {
     int k, c;
     for (k = 0; k < w->attachments.capacity; k++) {
         peri__attachment *t = peri__attachment_at(w, k);
         peri__body *a;
-        double push[3], end[3], limit;
+        double push[3], end[3];
         if (!t || peri__body_at(w, t->body)->asleep) continue;
         a = peri__body_at(w, t->body);
         peri__attachment_force_now(w, t);
@@ -5391,8 +5429,16 @@ static void peri__attachments_commit(peri_world *w, double dt) {
             if (peri__collider_moves(solid)) a->restless = 1;
         }
         if (t->other < 0) a->held = 1;
-        limit = (double)t->def.break_force;
-        if (!(peri__dot3(t->force, t->force) > limit * limit)) continue;
+    }
+}
+
+/* What pulled too hard breaks: after the momenta of the step, of which its pull was a part. */
+static void peri__attachments_break(peri_world *w) {
+    int k;
+    for (k = 0; k < w->attachments.capacity; k++) {
+        peri__attachment *t = peri__attachment_at(w, k);
+        double limit = t ? (double)t->def.break_force : 0;
+        if (!t || peri__body_at(w, t->body)->asleep || !(peri__dot3(t->force, t->force) > limit * limit)) continue;
         peri__attachment_changed(w, t);
         peri__slot_free(&w->attachments, &t->slot);
         w->stats.broken++;
@@ -5558,8 +5604,8 @@ static void peri__matrix_values(peri_world *w, peri__body *b) {
 
 static size_t peri__pin_at(const peri__body *b, int i) { return 3 * (size_t)b->at + (size_t)i; }
 
-/* What contacts and attachments want to see in the diagonals of an island's matrices, N/m, into p, which is scratch
-   here: contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
+/* What contacts and joints want to see in the diagonals of an island's matrices, N/m, into p, which is scratch here:
+   contacts where they touch, or (guessing, before a solve) where they did and have hardly left. */
 static void peri__island_pin(peri_world *w, const peri__island *island, int guessing) {
     const peri__body *b;
     int i, k;
@@ -5575,6 +5621,7 @@ static void peri__island_pin(peri_world *w, const peri__island *island, int gues
     }
     for (i = island->attachment; i >= 0; i = peri__attachment_at(w, i)->next) {
         const peri__attachment *t = peri__attachment_at(w, i);
+        if (t->length > 0) continue;    /* stiff along itself only: pinned, a pendulum's corrections would seem small */
         b = peri__body_at(w, t->body);
         w->p[peri__pin_at(b, t->def.particle)] += (peri_real)t->stiffness;
         b = t->other >= 0 ? peri__body_at(w, t->other) : NULL;
@@ -5822,6 +5869,96 @@ static void peri__positions_set(const peri__solve *s, const double *from, double
     }
 }
 
+/* The rigid motions of a body, in the metric D = mass/h^2 + pins that stands for the stiffness against them: the bonds
+   have none. With the centre of D, moves and turns do not mix. */
+typedef struct peri__coarse {
+    double weight, centre[3], inverse[9];
+} peri__coarse;
+
+static double peri__coarse_weight(const peri_world *w, const peri__body *b, int i) {
+    return (double)w->mass[b->first + i] / (b->h * b->h) + (double)b->pinned[i];
+}
+
+static void peri__coarse_make(const peri_world *w, const peri__body *b, peri__coarse *r) {
+    const double *x = w->x + 3 * (size_t)b->first;
+    double a[9], d, det, scale = 0;
+    int i, c;
+    memset(r, 0, sizeof *r);
+    memset(a, 0, sizeof a);
+    for (i = 0; i < b->count; i++) {
+        d = peri__coarse_weight(w, b, i);
+        r->weight += d;
+        for (c = 0; c < 3; c++) r->centre[c] += d * x[3 * i + c];
+    }
+    for (c = 0; c < 3; c++) r->centre[c] /= r->weight;
+    for (i = 0; i < b->count; i++) {
+        double arm[3], square;
+        d = peri__coarse_weight(w, b, i);
+        for (c = 0; c < 3; c++) arm[c] = x[3 * i + c] - r->centre[c];
+        square = peri__dot3(arm, arm);
+        for (c = 0; c < 9; c++) a[c] += d * ((c % 4 == 0 ? square : 0) - arm[c / 3] * arm[c % 3]);
+    }
+    for (c = 0; c < 9; c += 4) scale += a[c] / 3;
+    det = peri_det3(a);
+    if (!(det > 1e-9 * scale * scale * scale)) return;     /* a point or a line: moves only */
+    peri_adjugate3(a, r->inverse);
+    for (c = 0; c < 9; c++) r->inverse[c] /= det;
+}
+
+/* The rigid motion that v does work on, v being forces, or (weighted) motions, which D makes forces of. */
+static void peri__coarse_project(const peri_world *w, const peri__body *b, const peri__coarse *r, const peri_real *v,
+                                 int weighted, double move[3], double turn[3]) {
+    const double *x = w->x + 3 * (size_t)b->first;
+    double moment[3] = {0, 0, 0};
+    int i, c;
+    move[0] = move[1] = move[2] = 0;
+    for (i = 0; i < b->count; i++) {
+        double d = weighted ? peri__coarse_weight(w, b, i) : 1, arm[3], force[3], part[3];
+        for (c = 0; c < 3; c++) {
+            arm[c] = x[3 * i + c] - r->centre[c];
+            force[c] = d * (double)v[3 * i + c];
+            move[c] += force[c];
+        }
+        peri__cross(arm, force, part);
+        for (c = 0; c < 3; c++) moment[c] += part[c];
+    }
+    for (c = 0; c < 3; c++) move[c] /= r->weight;
+    peri__apply(r->inverse, moment, turn);
+}
+
+/* out = v + factor * the rigid motion, times D where weighted. */
+static void peri__coarse_add(const peri_world *w, const peri__body *b, const peri__coarse *r, const double move[3],
+                             const double turn[3], int weighted, double factor, const peri_real *v, peri_real *out) {
+    const double *x = w->x + 3 * (size_t)b->first;
+    int i, c;
+    for (i = 0; i < b->count; i++) {
+        double d = weighted ? factor * peri__coarse_weight(w, b, i) : factor, arm[3], way[3];
+        for (c = 0; c < 3; c++) arm[c] = x[3 * i + c] - r->centre[c];
+        peri__cross(turn, arm, way);
+        for (c = 0; c < 3; c++) out[3 * i + c] = (peri_real)((double)v[3 * i + c] + d * (move[c] + way[c]));
+    }
+}
+
+/* The global step of a body that hangs, on two levels. The matrix, which sees every coordinate by itself, takes a turn for a
+   shear, and would answer a torque on a stiff body with hundreds of small steps, each below the tolerance. So the rigid
+   motion is solved for by itself, and the matrix has the rest: Z A^-1 Z' + (1 - D Z A^-1 Z')' P^-1 (1 - D Z A^-1 Z'),
+   symmetric and positive (Z: rigid motions, A = Z' D Z). */
+static void peri__global_free(peri_world *w, const peri__body *b, const peri_real *g, peri_real *rest, peri_real *p) {
+    peri__coarse r;
+    double move[3], turn[3], back[3], turn_back[3];
+    int c;
+    peri__coarse_make(w, b, &r);
+    peri__coarse_project(w, b, &r, g, 0, move, turn);
+    peri__coarse_add(w, b, &r, move, turn, 1, -1, g, rest);
+    peri__global_body(w, b, rest, p);
+    peri__coarse_project(w, b, &r, p, 1, back, turn_back);
+    for (c = 0; c < 3; c++) {
+        move[c] -= back[c];
+        turn[c] -= turn_back[c];
+    }
+    peri__coarse_add(w, b, &r, move, turn, 0, 1, p, p);
+}
+
 /* p = P^-1 g, body by body (peri_precondition). */
 static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
     const peri__solve *s = (const peri__solve *)context;
@@ -5829,7 +5966,8 @@ static void peri__global_step(const peri_real *g, peri_real *p, void *context) {
     const peri__body *b;
     for (b = peri__first(s); b; b = peri__next(s, b)) {
         size_t at = 3 * (size_t)(b->at - s->island.at);
-        peri__global_body(s->w, b, g + at, p + at);
+        if (b->fixed || s->island.attachment < 0) peri__global_body(s->w, b, g + at, p + at);
+        else peri__global_free(s->w, b, g + at, s->g1 + at, p + at);
     }
     s->w->stats.profile.global += 1e3 * (peri__clock(s->w) - start);
 }
@@ -6534,6 +6672,13 @@ static peri_result peri__step_begin(peri_world *w, double dt) {
         peri__collider *c = peri__collider_at(w, k);
         if (c) peri__collider_advance(c, dt);
     }
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        b->asleep0 = b->asleep;
+        b->still0 = b->still;
+        b->still_steps0 = b->still_steps;
+    }
     if (w->asleep) peri__wake_by_colliders(w);
     w->contact_count = 0;
     w->stats.islands = 0;
@@ -6543,7 +6688,7 @@ static peri_result peri__step_begin(peri_world *w, double dt) {
         bad = peri__bodies_begin(w, dt);
         if (!bad) bad = peri__contacts_find(w);
     } while (!bad && w->woken);
-    if (!bad) bad = peri__contacts_reserve(w, w->contact_count + w->hold_count);
+    if (!bad) bad = peri__holds_reserve(w);
     if (bad) return bad;
     peri__contacts_retreat(w);
     peri__attachments_begin(w);
@@ -6621,6 +6766,7 @@ static void peri__step_commit(peri_world *w, double dt) {
         peri__attachments_commit(w, dt);
         groups = peri__chains_make(w, 1);
         for (k = 0; k < groups; k++) peri__group_commit(w, w->islands[k].first, dt);
+        peri__attachments_break(w);
         peri__sleep_check(w, dt);
     }
     for (k = 0; k < w->colliders.capacity; k++) {
@@ -6634,8 +6780,19 @@ static void peri__step_commit(peri_world *w, double dt) {
 }
 
 static void peri__step_undo(peri_world *w) {
+    int k;
     if (w->particles) memcpy(w->x, w->x0, 3 * (size_t)w->particles * sizeof *w->x);
     w->contact_count = 0;
+    w->asleep = 0;
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        if (b->asleep0) b->grid_made = 0;
+        b->asleep = b->asleep0;
+        b->still = b->still0;
+        b->still_steps = b->still_steps0;
+        w->asleep += b->asleep != 0;
+    }
     w->stats.undone++;
 }
 
