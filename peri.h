@@ -1922,6 +1922,7 @@ peri_result peri_sample_line(const peri_real *vertices, int vertex_count, int cl
 
 #define PERI__SURFACE_FINE 4        /* pieces per spacing along the longest edge of a triangle */
 #define PERI__SURFACE_ROUNDS 30     /* of evening out */
+#define PERI__SURFACE_APART 0.85    /* spacings: nearer points push each other apart */
 #define PERI__SURFACE_PIECES 1e8    /* most pieces: 4 GB, about three million points */
 #define PERI__SURFACE_CLEAR 0.7     /* spacings: points on curves are not nearer to each other, if curves are */
 
@@ -1934,7 +1935,7 @@ typedef struct peri__surface {
     peri__mesh *mesh;
     const peri_allocator *memory;
     peri__scrap *pieces;
-    double *points, *sum;           /* [3 room]; [4 room]: area times place, area */
+    double *points, *sum;           /* [3 room]; [5 room]: area times place, area; after all: half ways */
     int *cell, *next;               /* [mask + 1] heads of the hash table, [room] chains of points */
     int piece_count, kept, count, room, held;   /* kept: edges; held: points on curves, which stay */
     double spacing, area, border;   /* border: length of the open borders */
@@ -2290,16 +2291,20 @@ static void peri__surface_scatter(peri__surface *s, double apart) {
         peri__surface_add(s, s->pieces[at].at, apart);
 }
 
-/* Gives every piece to its nearest point. */
+/* Gives every piece to its nearest point: that is the point it had, if it is nearer to it than half the way to that
+   one's nearest neighbour. */
 static void peri__surface_share(peri__surface *s) {
-    double d;
+    double *half = s->sum + 4 * (size_t)s->room, d;
     int k, c, guess = -1;
+    for (k = 0; k < s->count; k++)
+        half[k] = peri__surface_nearest(s, s->points + 3 * (size_t)k, k, -1, &d) < 0 ? 1e150 : 0.499 * d;
     memset(s->sum, 0, 4 * (size_t)s->count * sizeof *s->sum);
     for (k = 0; k < s->piece_count; k++) {
         peri__scrap *piece = &s->pieces[k];
         double *sum;
         if (piece->owner >= 0) guess = piece->owner; /* of the last round */
-        guess = peri__surface_nearest(s, piece->at, -1, guess, &d);
+        if (guess < 0 || peri__surface_square(piece->at, s->points + 3 * (size_t)guess) > half[guess] * half[guess])
+            guess = peri__surface_nearest(s, piece->at, -1, guess, &d);
         piece->owner = guess;
         sum = s->sum + 4 * (size_t)guess;
         for (c = 0; c < 3; c++) sum[c] += piece->area * piece->at[c];
@@ -2307,16 +2312,39 @@ static void peri__surface_share(peri__surface *s) {
     }
 }
 
-/* Moves every point that may move to the middle of its share, on the triangle of the piece that is nearest to it. `next`
+/* Moves `to`, where point k is to go, away from the points that k is too near to: half of what is missing, all of it
+   where the other stays. The middle of a share knows nothing of the distance to the nearest neighbour. */
+static void peri__surface_part(const peri__surface *s, int k, double to[3]) {
+    const double *p = s->points + 3 * (size_t)k, reach = PERI__SURFACE_APART * s->spacing;
+    int low[3], high[3], c, x, y, z, other;
+    for (c = 0; c < 3; c++) {
+        low[c] = peri__surface_cell(s, c, p[c] - reach);
+        high[c] = peri__surface_cell(s, c, p[c] + reach);
+    }
+    for (z = low[2]; z <= high[2]; z++)
+        for (y = low[1]; y <= high[1]; y++)
+            for (x = low[0]; x <= high[0]; x++)
+                for (other = s->cell[peri__surface_hash(s, x, y, z)]; other >= 0; other = s->next[other]) {
+                    const double *q = s->points + 3 * (size_t)other;
+                    double r = sqrt(peri__surface_square(p, q)), push = (reach - r) / (other < s->held ? 1 : 2);
+                    if (other == k || !(push > 0) || !(r > 0) || peri__surface_cell(s, 0, q[0]) != x ||
+                        peri__surface_cell(s, 1, q[1]) != y || peri__surface_cell(s, 2, q[2]) != z)
+                        continue;
+                    for (c = 0; c < 3; c++) to[c] += push * (p[c] - q[c]) / r;
+                }
+}
+
+/* Moves every point that may move to the middle of its share, apart from others, on the triangle of the piece that is nearest to it. `next`
    is scratch for that piece. */
 static void peri__surface_even(peri__surface *s) {
     int k, c;
     peri__surface_share(s);
     for (k = 0; k < s->count; k++) {
         double *sum = s->sum + 4 * (size_t)k;
-        s->next[k] = -1;
         for (c = 0; c < 3 && sum[3] > 0; c++) sum[c] /= sum[3];
+        if (k >= s->held && sum[3] > 0) peri__surface_part(s, k, sum);
     }
+    for (k = 0; k < s->count; k++) s->next[k] = -1;
     for (k = 0; k < s->piece_count; k++) {
         int owner = s->pieces[k].owner;
         const double *middle = s->sum + 4 * (size_t)owner;
@@ -2368,12 +2396,12 @@ static peri_result peri__surface_allocate(peri__surface *s, double wanted, peri_
     s->mask = (unsigned)(cells - 1);
     s->pieces = (peri__scrap *)peri__surface_take(s, 0, (size_t)s->piece_count, sizeof *s->pieces);
     if (s->pieces) s->points = (double *)peri__surface_take(s, 1, (size_t)s->room, 3 * sizeof(double));
-    if (s->points) s->sum = (double *)peri__surface_take(s, 2, (size_t)s->room, 4 * sizeof(double));
+    if (s->points) s->sum = (double *)peri__surface_take(s, 2, (size_t)s->room, 5 * sizeof(double));
     if (s->sum) s->cell = (int *)peri__surface_take(s, 3, cells, sizeof(int));
     if (s->cell) s->next = (int *)peri__surface_take(s, 4, (size_t)s->room, sizeof(int));
     if (s->next) return PERI_OK;
     return peri__fail(err, PERI_ERROR_MEMORY, "no memory for sampling a surface of %d pieces (%.0f bytes)",
-                      s->piece_count, (double)s->piece_count * (double)sizeof *s->pieces + 68.0 * s->room);
+                      s->piece_count, (double)s->piece_count * (double)sizeof *s->pieces + 76.0 * s->room);
 }
 
 /* All points of the surface. A point inside stands for spacing^2, one on an open border for half of that. */
