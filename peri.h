@@ -477,15 +477,22 @@ PERI_DEF peri_result peri_sample(const peri_shape *shape, peri_real spacing, per
 PERI_DEF peri_result peri_sample_rectangle(peri_real width, peri_real height, peri_real spacing, peri_real *points,
                                            int capacity, int *count, peri_error *err);
 
-/* How even a sampled surface or line came out: distance of a point to its nearest neighbour, in m. */
+/* How even a sampled surface came out: distance of a point to its nearest neighbour, in m. */
 typedef struct peri_sample_report {
     double least, mean, most;
-    double measure;             /* area of the surface, m^2, or length of the line, m */
+    double measure;             /* area of the surface, m^2 */
 } peri_sample_report;
 
 /* One layer of points on the surface of a triangle mesh, open or closed, coincident vertices welded, evenly `spacing`
-   apart, borders and (above 40 degrees) creases kept. areas (capacity, m^2; may be NULL): each point's share of the
-   surface; times the thickness it is the point's volume. report may be NULL. Called twice as above. */
+   apart: nearest neighbours at 0.75 to 1.35 spacings, 0.9 to 1.05 in the mean, where sides, borders and creases are
+   further apart than a spacing (closer ones get fewer points, and a thin solid one layer for both sides). Borders and
+   (above 40 degrees) creases are kept: points on corners first, then at equal steps along the curves between. The
+   number is area/spacing^2 plus half of the borders' length/spacing, within 3 % from some hundred points on. areas
+   (capacity, m^2; may be NULL): each point's share of the surface, the area in all; times the thickness it is the
+   point's volume. The same triangles give the same points however their vertices are shared. report may be NULL. Called
+   twice as above; both calls do the whole work (about a second for 3000 points, 2 kB for each), so that a capacity that
+   is surely enough saves half. Errors: LIMIT where the spacing is too fine (about three million points),
+   GEOMETRY for a mesh without area. */
 PERI_DEF peri_result peri_sample_surface_with(const peri_shape *mesh, peri_real spacing, peri_real *points,
                                               peri_real *areas, int capacity, int *count, peri_sample_report *report,
                                               const peri_allocator *memory, peri_error *err);
@@ -2334,8 +2341,8 @@ static void peri__surface_part(const peri__surface *s, int k, double to[3]) {
                 }
 }
 
-/* Moves every point that may move to the middle of its share, apart from others, on the triangle of the piece that is nearest to it. `next`
-   is scratch for that piece. */
+/* Moves every point that may move to the middle of its share, and apart from others, on the triangle of the piece that
+   is nearest to it. `next` is scratch for that piece. */
 static void peri__surface_even(peri__surface *s) {
     int k, c;
     peri__surface_share(s);
