@@ -1070,7 +1070,7 @@ static void surface_errors(void) {
     REFUSED_SURFACE(&s, 0.1, PERI_ERROR_GEOMETRY, "without area");
     clear(&big); /* specks far apart: cells beyond int, distances beyond the cells */
     cube(&big, 0, 0, 0, 10, 0);
-    cube(&big, 1e6, 0, 0, 1000, 0);
+    cube(&big, 1e6, 1e6, 1e6, 1000, 0); /* a corner is nearest by far */
     s = shape_of(&big);
     CHECK(peri_sample_surface(&s, 100, points, areas, MOST, &n, &report, &err) == PERI_OK && n > 1000);
     for (k = 0; k < n; k++) /* the speck's only point; the nearest of the others is found in no cell nearby */
