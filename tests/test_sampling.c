@@ -656,8 +656,8 @@ static void errors(void) {
     REFUSED(NULL, 1, PERI_ERROR_ARGUMENT, "shape is NULL");
     s = peri_shape_plane();
     REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "no bounds");
-    s.kind = (peri_shape_kind)7;
-    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "shape.kind is 7");
+    s.kind = (peri_shape_kind)8;
+    REFUSED(&s, 1, PERI_ERROR_ARGUMENT, "shape.kind is 8");
     s = peri_shape_box(1, 0, 1);
     REFUSED(&s, 1, PERI_ERROR_VALUE, "shape.half.y is 0");
     s = peri_shape_box(1, 1, nan);
@@ -734,6 +734,442 @@ static void mesh_errors(void) {
     REFUSED(&s, 2.4, PERI_ERROR_GEOMETRY, "too coarse");
 }
 
+/* ---- surfaces ---------------------------------------------------------------------------------------------------- */
+
+static peri_real areas[MOST];
+
+/* A grid of columns by rows quads at at(u, v); across, along: whether its ends are joined. */
+static void grid(mesh *m, int columns, int rows, int across, int along, void (*at)(double u, double v, double p[3])) {
+    int base = m->vertices, w = columns + !across, h = rows + !along, i, j;
+    for (j = 0; j < h; j++)
+        for (i = 0; i < w; i++) {
+            double p[3];
+            at((double)i / columns, (double)j / rows, p);
+            add_vertex(m, p[0], p[1], p[2]);
+        }
+    for (j = 0; j < rows; j++)
+        for (i = 0; i < columns; i++) {
+            int a = base + j * w + i, b = base + j * w + (i + 1) % w, up = (j + 1) % h;
+            add_triangle(m, a, b, base + up * w + (i + 1) % w);
+            add_triangle(m, a, base + up * w + (i + 1) % w, base + up * w + i);
+        }
+}
+
+static void at_torus(double u, double v, double p[3]) {
+    p[0] = (1 + 0.4 * cos(2 * PI * v)) * cos(2 * PI * u);
+    p[1] = (1 + 0.4 * cos(2 * PI * v)) * sin(2 * PI * u);
+    p[2] = 0.4 * sin(2 * PI * v);
+}
+
+static void at_tube(double u, double v, double p[3]) {
+    p[0] = cos(2 * PI * u);
+    p[1] = sin(2 * PI * u);
+    p[2] = 2 * v - 1;
+}
+
+static void at_sheet(double u, double v, double p[3]) {
+    p[0] = 2 * u;
+    p[1] = 1.5 * v;
+    p[2] = 0;
+}
+
+/* Gives every triangle vertices of its own, in reversed order of the triangles. */
+static void split(const mesh *from, mesh *to) {
+    int t, c;
+    clear(to);
+    to->triangles = from->triangles;
+    for (t = from->triangles - 1; t >= 0; t--)
+        for (c = 0; c < 3; c++) {
+            const peri_real *p = from->x + 3 * (size_t)from->t[3 * t + c];
+            to->t[3 * t + c] = add_vertex(to, (double)p[0], (double)p[1], (double)p[2]);
+        }
+}
+
+/* Distance of p to the mesh: to the nearest of its triangles, by brute force (Ericson 2005, 5.1.5). */
+static double off_surface(const mesh *m, const peri_real *x) {
+    double best = 1e300;
+    int t, c, k;
+    for (t = 0; t < m->triangles; t++) {
+        double q[3][3], p[3], e[3], f[3], w[3], ee = 0, ef = 0, ff = 0, we = 0, wf = 0, det, a, b, d = 0;
+        for (k = 0; k < 3; k++)
+            for (c = 0; c < 3; c++) q[k][c] = (double)m->x[3 * (size_t)m->t[3 * t + k] + (size_t)c];
+        for (c = 0; c < 3; c++) {
+            p[c] = (double)x[c];
+            e[c] = q[1][c] - q[0][c];
+            f[c] = q[2][c] - q[0][c];
+            w[c] = p[c] - q[0][c];
+            ee += e[c] * e[c];
+            ef += e[c] * f[c];
+            ff += f[c] * f[c];
+            we += w[c] * e[c];
+            wf += w[c] * f[c];
+        }
+        det = ee * ff - ef * ef;
+        a = (ff * we - ef * wf) / det;
+        b = (ee * wf - ef * we) / det;
+        if (a >= 0 && b >= 0 && a + b <= 1) {
+            for (c = 0; c < 3; c++) d += (w[c] - a * e[c] - b * f[c]) * (w[c] - a * e[c] - b * f[c]);
+            if (d < best) best = d;
+        }
+        for (k = 0; k < 3; k++) {
+            double along = 0, length = 0, s;
+            const double *g = q[k], *h = q[(k + 1) % 3];
+            for (c = 0; c < 3; c++) {
+                along += (p[c] - g[c]) * (h[c] - g[c]);
+                length += (h[c] - g[c]) * (h[c] - g[c]);
+            }
+            s = along / length;
+            s = s < 0 ? 0 : s > 1 ? 1 : s;
+            for (d = 0, c = 0; c < 3; c++)
+                d += (p[c] - g[c] - s * (h[c] - g[c])) * (p[c] - g[c] - s * (h[c] - g[c]));
+            if (d < best) best = d;
+        }
+    }
+    return sqrt(best);
+}
+
+static double apart(const peri_real *a, const peri_real *b) {
+    double x = (double)a[0] - (double)b[0], y = (double)a[1] - (double)b[1], z = (double)a[2] - (double)b[2];
+    return sqrt(x * x + y * y + z * z);
+}
+
+/* Samples the mesh and checks what the documentation promises of every surface whose sides and creases are further
+   apart than the spacing: number, evenness (its words), areas, points on the surface. border: length of its borders.
+   Returns the number. */
+static int surface(const mesh *m, double d, double area, double border) {
+    peri_shape s = shape_of(m);
+    peri_sample_report report, brute;
+    peri_error err;
+    int counted = -1, n = -1, i, j;
+    double sum = 0, tiny = sizeof(peri_real) == 4 ? 1e-6 : 1e-12, worst = 0;
+    CHECK(peri_sample_surface(&s, (peri_real)d, NULL, NULL, 0, &counted, NULL, &err) == PERI_OK);
+    CHECK(peri_sample_surface(&s, (peri_real)d, points, areas, MOST, &n, &report, &err) == PERI_OK);
+    CHECK(n > 1 && n == counted);
+    brute.least = brute.most = brute.mean = 0;
+    for (i = 0; i < n; i++) {
+        double nearest = 1e300, off = off_surface(m, points + 3 * (size_t)i);
+        for (j = 0; j < n; j++) {
+            double r = apart(points + 3 * (size_t)i, points + 3 * (size_t)j);
+            if (j != i && r < nearest) nearest = r;
+        }
+        if (i == 0 || nearest < brute.least) brute.least = nearest;
+        if (nearest > brute.most) brute.most = nearest;
+        brute.mean += nearest / n;
+        if (off > worst) worst = off;
+        CHECK(areas[i] > 0);
+        sum += (double)areas[i];
+    }
+    NEAR(report.least, brute.least, 4 * tiny); /* a few roundings of coordinates of about 1 m */
+    NEAR(report.mean, brute.mean, 4 * tiny);
+    NEAR(report.most, brute.most, 4 * tiny);
+    NEAR(worst, 0, 4 * tiny);
+    CHECK(report.least >= 0.75 * d);
+    CHECK(report.mean >= 0.9 * d && report.mean <= 1.05 * d);
+    CHECK(report.most <= 1.35 * d);
+    NEAR(report.measure, area, 1e-6 * area);
+    NEAR(sum / report.measure, 1, 1e-6);
+    NEAR(n / (area / (d * d) + 0.5 * border / d), 1, 0.03);
+    return n;
+}
+
+static double area_of(const mesh *m) {
+    double sum = 0;
+    int t, c;
+    for (t = 0; t < m->triangles; t++) {
+        double u[3], v[3];
+        for (c = 0; c < 3; c++) {
+            u[c] = (double)m->x[3 * m->t[3 * t + 1] + c] - (double)m->x[3 * m->t[3 * t] + c];
+            v[c] = (double)m->x[3 * m->t[3 * t + 2] + c] - (double)m->x[3 * m->t[3 * t] + c];
+        }
+        sum += 0.5 * sqrt((u[1] * v[2] - u[2] * v[1]) * (u[1] * v[2] - u[2] * v[1]) +
+                          (u[2] * v[0] - u[0] * v[2]) * (u[2] * v[0] - u[0] * v[2]) +
+                          (u[0] * v[1] - u[1] * v[0]) * (u[0] * v[1] - u[1] * v[0]));
+    }
+    return sum;
+}
+
+static void surface_even(void) {
+    clear(&big);
+    ball(&big, 1, 24, 48); /* triangles smaller than the spacing, slivers at the poles */
+    surface(&big, 0.25, area_of(&big), 0);
+    surface(&big, 0.1, area_of(&big), 0);
+    clear(&big);
+    grid(&big, 60, 24, 1, 1, at_torus);
+    surface(&big, 0.2, area_of(&big), 0);
+    clear(&big);
+    grid(&big, 60, 20, 1, 0, at_tube);
+    surface(&big, 0.15, area_of(&big), 2 * 120 * sin(PI / 60));
+    surface(&big, 0.1, area_of(&big), 2 * 120 * sin(PI / 60)); /* evening out alone leaves neighbours at 0.736 */
+    clear(&big);
+    grid(&big, 1, 1, 0, 0, at_sheet); /* two triangles larger than the spacing */
+    surface(&big, 0.05, 3, 7);
+}
+
+/* A box has 8 corners and 12 edges; each edge takes equal steps, each corner a point, and faces their share. */
+static void surface_creases(void) {
+    static const double c[3] = {0, 0, 0}, h[3] = {0.5, 0.4, 0.3};
+    double d = 0.1;
+    int n, i, a, on_edge = 0, corners = 0;
+    clear(&big);
+    add_box(&big, c, h, 0);
+    n = surface(&big, d, 8 * (0.5 * 0.4 + 0.4 * 0.3 + 0.3 * 0.5), 0);
+    for (i = 0; i < n; i++) {
+        int sides = 0, lattice = 1;
+        for (a = 0; a < 3; a++) {
+            double x = (double)points[3 * i + a], k = (x + h[a]) / d;
+            if (fabs(fabs(x) - h[a]) < 1e-6) sides++;
+            else if (fabs(k - floor(k + 0.5)) > 1e-4) lattice = 0;
+        }
+        CHECK(sides >= 1);
+        if (sides == 3) corners++;
+        if (sides >= 2) {
+            CHECK(lattice);
+            on_edge++;
+        }
+    }
+    CHECK(corners == 8);
+    CHECK(on_edge == 8 + 4 * (9 + 7 + 5));
+}
+
+/* The borders of the tube: 42 equal steps (2 pi / 0.15 = 41.9) around each, so the chord between neighbours is the
+   same to the difference of arc and chord on a polygon of 60 sides, (pi/60)^2/6 of it and less. */
+static void surface_borders(void) {
+    int n, i, j, side;
+    clear(&big);
+    grid(&big, 60, 20, 1, 0, at_tube);
+    n = surface(&big, 0.15, area_of(&big), 2 * 120 * sin(PI / 60));
+    for (side = -1; side <= 1; side += 2) {
+        int ring[200], on = 0;
+        for (i = 0; i < n; i++)
+            if (fabs((double)points[3 * i + 2] - side) < 1e-6 && on < 200) ring[on++] = i;
+        CHECK(on == 42);
+        for (i = 0; i < on; i++) {
+            double nearest = 9;
+            for (j = 0; j < on; j++) {
+                double r = apart(points + 3 * (size_t)ring[i], points + 3 * (size_t)ring[j]);
+                if (i != j && r < nearest) nearest = r;
+            }
+            NEAR(nearest, 2 * sin(PI / 42), 0.004 * 0.15);
+        }
+    }
+    clear(&big); /* the sheet's outline: corners kept, 40 and 30 steps */
+    grid(&big, 3, 2, 0, 0, at_sheet);
+    n = surface(&big, 0.05, 3, 7);
+    for (i = 0, j = 0; i < n; i++) {
+        double x = (double)points[3 * i], y = (double)points[3 * i + 1];
+        if (fabs(x) < 1e-6 || fabs(x - 2) < 1e-6 || fabs(y) < 1e-6 || fabs(y - 1.5) < 1e-6) j++;
+    }
+    CHECK(j == 140);
+}
+
+/* Vertices that coincide are one: the same points come out, bit by bit. Orientation does not matter either. */
+static void surface_seams(void) {
+    static mesh parts;
+    peri_shape s;
+    peri_error err;
+    int n, k, i;
+    for (k = 0; k < 3; k++) {
+        clear(&big);
+        if (k == 0) ball(&big, 1, 12, 24);
+        else if (k == 1) cube(&big, 0.1, 0.2, 0.3, 0.5, 0);
+        else grid(&big, 30, 8, 1, 0, at_tube);
+        s = shape_of(&big);
+        CHECK(peri_sample_surface(&s, (peri_real)0.2, points, areas, MOST, &n, NULL, &err) == PERI_OK && n > 50);
+        split(&big, &parts);
+        s = shape_of(&parts);
+        CHECK(peri_sample_surface(&s, (peri_real)0.2, other, NULL, MOST, &i, NULL, &err) == PERI_OK);
+        CHECK(i == n && memcmp(points, other, 3 * (size_t)n * sizeof *points) == 0);
+    }
+    clear(&big); /* half the faces of the torus the other way: no creases in it, so still even */
+    grid(&big, 40, 16, 1, 1, at_torus);
+    for (k = 0; k < big.triangles; k += 2) {
+        i = big.t[3 * k];
+        big.t[3 * k] = big.t[3 * k + 1];
+        big.t[3 * k + 1] = i;
+    }
+    surface(&big, 0.25, area_of(&big), 0);
+}
+
+/* What repairs leave behind makes no creases: a triangle with two corners in one place, and one without area that
+   closes a T-junction. */
+static void surface_degenerate(void) {
+    int a, b, c, d, e, i, n, inside = 0;
+    peri_shape s;
+    peri_error err;
+    clear(&big);
+    a = add_vertex(&big, 0, 0, 0);
+    b = add_vertex(&big, 2, 0, 0);
+    c = add_vertex(&big, 2, 1, 0);
+    d = add_vertex(&big, 0, 1, 0);
+    e = add_vertex(&big, 1, 0.5, 0); /* on the diagonal a c, whose other side has it whole */
+    add_triangle(&big, a, b, e);
+    add_triangle(&big, b, c, e);
+    add_triangle(&big, a, c, d);
+    add_triangle(&big, a, e, c);
+    add_triangle(&big, a, a, b);
+    n = surface(&big, 0.1, 2, 6);
+    for (i = 0; i < n; i++) {
+        double x = (double)points[3 * i], y = (double)points[3 * i + 1];
+        if (x > 0.15 && x < 1.85 && fabs(y - 0.5 * x) < 1e-6) inside++;
+    }
+    CHECK(inside < 5); /* a kept diagonal would hold about 20 */
+    big.triangles = 1; /* coarser than the shape: still something */
+    s = shape_of(&big);
+    CHECK(peri_sample_surface(&s, 100, points, areas, MOST, &n, NULL, &err) == PERI_OK && n == 1);
+    NEAR(areas[0], 0.5, 1e-6);
+}
+
+static void refused_surface(const peri_shape *s, double d, peri_result code, const char *words, int line) {
+    peri_error err;
+    int count = 7;
+    err.text[0] = 0;
+    if (peri_sample_surface(s, (peri_real)d, points, areas, MOST, &count, NULL, &err) != code || err.code != code ||
+        count != 0 || !strstr(err.text, words)) {
+        printf("    code %d, text \"%s\"\n", (int)err.code, err.text);
+        test_complain(__FILE__, line, "not refused as it should be");
+    }
+}
+#define REFUSED_SURFACE(shape, d, code, words) refused_surface(shape, d, code, words, __LINE__)
+
+static void surface_errors(void) {
+    peri_shape s = peri_shape_ball(1), none = peri_shape_none();
+    peri_collider_def collider = peri_default_collider_def();
+    peri_sample_report report;
+    peri_vec3 g;
+    peri_error err;
+    double nearest;
+    int n = 7, counted, k, speck = -1;
+    REFUSED_SURFACE(NULL, 1, PERI_ERROR_ARGUMENT, "shape is NULL");
+    REFUSED_SURFACE(&s, 1, PERI_ERROR_ARGUMENT, "no mesh (kind 2)");
+    REFUSED(&none, 1, PERI_ERROR_ARGUMENT, "nothing to sample");
+    NEAR(peri_shape_evaluate(&none, vec(1, 2, 3), &g), 1e30, 1e24);
+    CHECK(g.x == 0 && g.y == 0 && g.z == 1);
+    collider.shape = none;
+    CHECK(peri__shape_check(&collider.shape, 1, &err) == PERI_OK);
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    s = shape_of(&big);
+    CHECK(peri_sample_surface(&s, 1, NULL, NULL, 0, NULL, NULL, &err) == PERI_ERROR_ARGUMENT);
+    REFUSED_SURFACE(&s, 0, PERI_ERROR_VALUE, "spacing is 0 m");
+    REFUSED_SURFACE(&s, HUGE_VAL, PERI_ERROR_VALUE, "spacing is inf m");
+    REFUSED_SURFACE(&s, 1e-5, PERI_ERROR_LIMIT, "too fine");
+    REFUSED_SURFACE(&s, 1e-30, PERI_ERROR_LIMIT, "too fine");
+    CHECK(peri_sample_surface(&s, 0.5, NULL, NULL, 0, &counted, NULL, &err) == PERI_OK);
+    points[0] = 77;
+    CHECK(peri_sample_surface(&s, 0.5, points, NULL, counted - 1, &n, NULL, &err) == PERI_ERROR_LIMIT);
+    CHECK(n == counted && strstr(err.text, "count them first") && points[0] == 77);
+    CHECK(peri_sample_surface(&s, 0.5, points, NULL, -1, &n, NULL, &err) == PERI_ERROR_VALUE);
+    CHECK(peri_sample_surface(&s, 0.5, points, NULL, counted, &n, NULL, &err) == PERI_OK && n == counted);
+    big.x[16] = (peri_real)HUGE_VAL;
+    REFUSED_SURFACE(&s, 1, PERI_ERROR_VALUE, "vertex 5 of the mesh is (");
+    clear(&big);
+    add_vertex(&big, 0, 0, 0);
+    add_vertex(&big, 1, 0, 0);
+    add_vertex(&big, 2, 0, 0);
+    add_triangle(&big, 0, 1, 2);
+    s = shape_of(&big);
+    REFUSED_SURFACE(&s, 0.1, PERI_ERROR_GEOMETRY, "without area");
+    clear(&big); /* specks far apart: cells beyond int, distances beyond the cells */
+    cube(&big, 0, 0, 0, 10, 0);
+    cube(&big, 1e6, 1e6, 1e6, 1000, 0); /* a corner is nearest by far */
+    s = shape_of(&big);
+    CHECK(peri_sample_surface(&s, 100, points, areas, MOST, &n, &report, &err) == PERI_OK && n > 1000);
+    for (k = 0; k < n; k++) /* the speck's only point; the nearest of the others is found in no cell nearby */
+        if ((double)points[3 * k] < 100) speck = k;
+    CHECK(speck >= 0);
+    for (k = 0, nearest = 1e300; k < n && speck >= 0; k++)
+        if (k != speck && apart(points + 3 * k, points + 3 * speck) < nearest)
+            nearest = apart(points + 3 * k, points + 3 * speck);
+    NEAR(report.most, nearest, 1); /* coordinates of 1e6 m round to 0.06 m in float */
+}
+
+/* ---- rectangles and lines ---------------------------------------------------------------------------------------- */
+
+static void rectangle(void) {
+    double w = 1.03, h = 0.48, d = 0.1;
+    int n, counted, i, j;
+    peri_error err;
+    peri_shape box = peri_shape_box((peri_real)(w / 2), (peri_real)(h / 2), (peri_real)(d / 2));
+    CHECK(peri_sample_rectangle((peri_real)w, (peri_real)h, (peri_real)d, NULL, 0, &counted, &err) == PERI_OK);
+    CHECK(peri_sample_rectangle((peri_real)w, (peri_real)h, (peri_real)d, points, MOST, &n, &err) == PERI_OK);
+    CHECK(n == counted && n == 10 * 5);
+    for (j = 0; j < 5; j++)
+        for (i = 0; i < 10; i++) {
+            NEAR(points[3 * (10 * j + i)], (i - 4.5) * d, 1e-6);
+            NEAR(points[3 * (10 * j + i) + 1], (j - 2) * d, 1e-6);
+            CHECK(points[3 * (10 * j + i) + 2] == 0);
+        }
+    CHECK(sample(&box, d, other) == n && memcmp(points, other, 3 * (size_t)n * sizeof *points) == 0);
+    n = 7;
+    CHECK(peri_sample_rectangle(0, 1, 1, points, MOST, &n, &err) == PERI_ERROR_VALUE && n == 0);
+    CHECK(strstr(err.text, "width is 0 m"));
+    CHECK(peri_sample_rectangle(1, -1, 1, points, MOST, &n, &err) == PERI_ERROR_VALUE);
+    CHECK(strstr(err.text, "height is -1 m"));
+    CHECK(peri_sample_rectangle(1, 1, (peri_real)HUGE_VAL, points, MOST, &n, &err) == PERI_ERROR_VALUE);
+    CHECK(strstr(err.text, "spacing is inf m"));
+    CHECK(peri_sample_rectangle(1, 1, 1, points, MOST, NULL, &err) == PERI_ERROR_ARGUMENT);
+    CHECK(peri_sample_rectangle(1, 1, (peri_real)0.1, points, 99, &n, &err) == PERI_ERROR_LIMIT && n == 100);
+}
+
+/* How far along the line through (0,0,0), (1,0,0), (1,1,0), (0,1,0) a point on it is; -1: it is not on it. */
+static double along_square(const peri_real *p) {
+    double x = (double)p[0], y = (double)p[1], near = 1e-6;
+    if (fabs((double)p[2]) > near) return -1;
+    if (fabs(y) <= near) return x;
+    if (fabs(x - 1) <= near) return 1 + y;
+    if (fabs(y - 1) <= near) return 3 - x;
+    return fabs(x) <= near ? 4 - y : -1;
+}
+
+static void line(void) {
+    static const peri_real square[12] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};
+    static const peri_real twice[12] = {0, 0, 0, 0, 0, 0, 2, 0, 0, 2, 0, 0};
+    static peri_real circle[3 * 1000];
+    peri_real step = 0;
+    peri_error err;
+    int n, k;
+    CHECK(peri_sample_line(square, 4, 0, (peri_real)0.17, NULL, 0, &n, &step, &err) == PERI_OK);
+    CHECK(n == 19); /* 3 / 0.17 = 17.6: 18 steps */
+    NEAR(step, 3.0 / 18, 1e-7);
+    CHECK(peri_sample_line(square, 4, 0, (peri_real)0.17, points, MOST, &n, NULL, &err) == PERI_OK && n == 19);
+    for (k = 0; k < n; k++) NEAR(along_square(points + 3 * (size_t)k), k * (3.0 / 18), 1e-6);
+    CHECK(memcmp(points, square, 3 * sizeof *points) == 0 && memcmp(points + 54, square + 9, 3 * sizeof *points) == 0);
+    CHECK(peri_sample_line(square, 4, 1, (peri_real)0.17, points, MOST, &n, &step, &err) == PERI_OK);
+    CHECK(n == 24); /* 4 / 0.17 = 23.5; the first is not repeated */
+    for (k = 0; k < n; k++) NEAR(along_square(points + 3 * (size_t)k), k * (4.0 / 24), 1e-6);
+    NEAR(step, 4.0 / 24, 1e-7);
+    CHECK(peri_sample_line(twice, 4, 0, (peri_real)0.5, points, MOST, &n, &step, &err) == PERI_OK && n == 5);
+    for (k = 0; k < n; k++) NEAR(points[3 * k], 0.5 * k, 1e-6); /* vertices in one place do no harm */
+    for (k = 0; k < 1000; k++) { /* much finer than the spacing: chords of equal arcs are equal */
+        circle[3 * k] = (peri_real)cos(2 * PI * k / 1000);
+        circle[3 * k + 1] = (peri_real)sin(2 * PI * k / 1000);
+    }
+    CHECK(peri_sample_line(circle, 1000, 1, (peri_real)0.1, points, MOST, &n, NULL, &err) == PERI_OK && n == 63);
+    for (k = 0; k < n; k++)
+        NEAR(apart(points + 3 * (size_t)k, points + 3 * (size_t)((k + 1) % n)), 2 * sin(PI / 63), 1e-5);
+}
+
+static void line_errors(void) {
+    peri_real bad[9] = {0, 0, 0, 1, 0, 0, 1, 1, 0}, same[6] = {1, 2, 3, 1, 2, 3};
+    peri_error err;
+    int n = 7;
+#define REFUSED_LINE(vertices, count, closed, d, wanted, words) \
+    CHECK(peri_sample_line(vertices, count, closed, (peri_real)(d), points, MOST, &n, NULL, &err) == wanted); \
+    CHECK(n == 0 && strstr(err.text, words)); \
+    n = 7
+    REFUSED_LINE(NULL, 3, 0, 1, PERI_ERROR_ARGUMENT, "vertices is NULL");
+    REFUSED_LINE(bad, 1, 0, 1, PERI_ERROR_VALUE, "an open line has at least 2");
+    REFUSED_LINE(bad, 2, 1, 1, PERI_ERROR_VALUE, "a closed line has at least 3");
+    REFUSED_LINE(bad, 3, 0, 0, PERI_ERROR_VALUE, "spacing is 0 m");
+    REFUSED_LINE(bad, 3, 0, 5, PERI_ERROR_GEOMETRY, "too coarse");
+    REFUSED_LINE(bad, 3, 0, 1e-12, PERI_ERROR_LIMIT, "2^31");
+    REFUSED_LINE(same, 2, 0, 1, PERI_ERROR_VALUE, "the line is 0 m long");
+    CHECK(peri_sample_line(bad, 3, 0, 1, points, MOST, NULL, NULL, &err) == PERI_ERROR_ARGUMENT);
+    CHECK(peri_sample_line(bad, 3, 0, 1, points, 2, &n, NULL, &err) == PERI_ERROR_LIMIT && n == 3);
+    bad[4] = (peri_real)HUGE_VAL;
+    REFUSED_LINE(bad, 3, 0, 1, PERI_ERROR_VALUE, "vertex 1 of the line is (1, inf, 0)");
+}
+
 /* ---- memory ------------------------------------------------------------------------------------------------------ */
 
 typedef struct budget {
@@ -787,6 +1223,33 @@ static void failing_memory(void) {
     CHECK(peri_sample_with(&s, (peri_real)0.5, points, MOST, &count, &memory, &err) == PERI_OK && b.calls == 0);
 }
 
+static void surface_memory(void) {
+    peri_allocator memory;
+    budget b;
+    peri_shape s;
+    peri_error err;
+    int count, n;
+    memory.resize = limited;
+    memory.user = &b;
+    clear(&big);
+    cube(&big, 0, 0, 0, 1, 0);
+    s = shape_of(&big);
+    for (n = 0; n < 20; n++) {
+        peri_result r;
+        memset(&b, 0, sizeof b);
+        b.allowed = n;
+        r = peri_sample_surface_with(&s, (peri_real)0.5, points, areas, MOST, &count, NULL, &memory, &err);
+        CHECK(b.held == 0);
+        if (!r) break;
+        CHECK(r == PERI_ERROR_MEMORY && err.code == r && count == 0 && strstr(err.text, "no memory"));
+    }
+    CHECK(n == 6 && count > 50); /* the mesh's block and five arrays */
+    b.allowed = 1000; /* refused after all allocations: nothing stays */
+    CHECK(peri_sample_surface_with(&s, (peri_real)0.5, points, areas, 5, &count, NULL, &memory, &err) ==
+          PERI_ERROR_LIMIT);
+    CHECK(b.held == 0);
+}
+
 int main(int argc, char **argv) {
     test_begin(argc, argv);
     RUN(distances);
@@ -809,6 +1272,16 @@ int main(int argc, char **argv) {
     RUN(capacity);
     RUN(errors);
     RUN(mesh_errors);
+    RUN(surface_even);
+    RUN(surface_creases);
+    RUN(surface_borders);
+    RUN(surface_seams);
+    RUN(surface_degenerate);
+    RUN(surface_errors);
+    RUN(rectangle);
+    RUN(line);
+    RUN(line_errors);
     RUN(failing_memory);
+    RUN(surface_memory);
     return test_end();
 }
