@@ -141,7 +141,7 @@ typedef struct peri_world_def {
     int max_skins;              /* 1024 */
     int max_attachments;        /* 65535 */
     int max_contacts;           /* particles that touch at the same time, colliders and bodies together; 2^24 */
-    size_t spare_bytes;         /* with a buffer: what is left for factors, skins and sampling; 0 */
+    size_t spare_bytes;         /* with a buffer: what is left for factors, skins and bending sheets; 0 */
     peri_allocator memory;      /* resize NULL: realloc and free */
     peri_parallel parallel;     /* run NULL: OpenMP if compiled in; threads 1 */
     double (*clock)(void *user);    /* seconds, for the profile; NULL: the C library's processor time */
@@ -637,11 +637,14 @@ typedef struct peri__body {
     void *block;
     size_t block_bytes;
     int *row, *col;             /* the same arrays, writable while they are made */
-    peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment, *normal, *plate;
+    peri_real *xi[3], *inv_r2, *weight, *gain, *share, *volume, *shape, *moment, *normal;
     peri_form form;
     double fibre[2];            /* of a rod: what ghosts' and points' fibres add to the cage, N */
     int stations, closed;       /* points of a rod, before its ghosts in the particle range; else 0 */
     double rigidity;            /* of a sheet: bending t^2/12, m^2; times E/(1 - nu^2) it is D/t */
+    peri_real *plate, *plate_rest, *plate_stiffness; /* of a sheet that bends: peri__bonds; N/m that a bond gets by it */
+    size_t plate_bytes;
+    int plate_rows;
     peri__matter *matters;      /* body of several materials: all of them, */
     unsigned char *kind;        /* and which a particle is made of; else NULL */
     peri_real *firmness, *far_gain; /* factor on a particle's stiffness, or NULL; see peri__bonds */
@@ -2789,7 +2792,7 @@ typedef struct peri__stored_material {
 /* Bytes that bodies take at most, apart from the particle arrays: see peri__block_layout and peri__neighbours. */
 static size_t peri__body_bytes(const peri_world_def *d, size_t particles, size_t bonds, size_t bodies) {
     size_t r = sizeof(peri_real), i = sizeof(int);
-    return particles * (7 * i + 1 + (6 + 21 + 3 + 6 + 3 + PERI__PLATE) * r) + bonds * (i + 8 * r) +
+    return particles * (7 * i + 1 + (6 + 21 + 3 + 6 + 3) * r) + bonds * (i + 8 * r) +
            bodies * (32 * PERI__UNIT + 72 * i) + (size_t)d->max_materials * sizeof(peri__matter) +
            particles * (3 * i + 3 * sizeof(double)) + 8 * particles * i + 64 * i;
 }
@@ -2983,7 +2986,9 @@ static void peri__body_drop(peri_world *w, peri__body *body) {
 #endif
     peri__grid_free(w, &body->grid);
     peri__drop(w, body->block, body->block_bytes);
+    if (body->plate) peri__spare_resize(body->plate, body->plate_bytes, 0, w);
     body->block = NULL;
+    body->plate = NULL;
 }
 
 void peri_world_destroy(peri_world *w) {
@@ -3157,12 +3162,6 @@ static void peri__apply_back(const double r[9], const double *v, double *out) {
 
 static double peri__dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-static void peri__cross(const double *a, const double *b, double *out) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 /* Unnormalised weight of a bond of length r (in spacings) for horizon delta (in spacings). */
 static double peri__kernel(const peri_body_def *d, double r, double delta) {
     double q = r / delta, w = 1;
@@ -3215,7 +3214,6 @@ static size_t peri__block_layout(peri__body *b, char *base, const peri__making *
     PERI__PART(surface, int, n * sizeof(int));
     PERI__PART(shape, peri_real, 6 * n * r);
     if (b->form == PERI_FORM_SHEET) PERI__PART(normal, peri_real, 3 * n * r);
-    if (b->rigidity > 0) PERI__PART(plate, peri_real, PERI__PLATE * n * r);
     if (b->matter.m.model == PERI_MODEL_CORRESPONDENCE) PERI__PART(moment, peri_real, 21 * n * r);
     if (make->anisotropic) PERI__PART(gain, peri_real, m * r);
     if (make->anisotropic && (d->directions || d->material_of)) PERI__PART(far_gain, peri_real, m * r);
@@ -3284,10 +3282,11 @@ static int peri__pseudo_inverse(const double k[6], int most, peri_real *out, per
 /* The moment of bonds in a plane has rank 3: its pseudo-inverse there, which leaves C along the normal alone. Returns 0
    where the bonds do not even tell the strains of the plane. */
 static int peri__flat_inverse(double m[21], const peri_real *normal) {
-    double t[6], b[18], whole[36], flat[9], inverse[9], det, trace;
+    double n[3], t[6], b[18], whole[36], flat[9], inverse[9], det, trace;
     static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
     int c, d, k, e;
-    peri__plate_tangents(normal, t);
+    for (c = 0; c < 3; c++) n[c] = (double)normal[c];
+    peri__plate_tangents(n, t);
     for (c = 0; c < 6; c++) {       /* strains of the plane as strains of space: h = b h2 */
         b[3 * c] = t[row[c]] * t[col[c]];
         b[3 * c + 1] = t[3 + row[c]] * t[3 + col[c]];
@@ -3335,11 +3334,6 @@ static int peri__family_make(peri__body *b, int i) {
     if (peri__pseudo_inverse(tensor, b->normal ? 2 : 3, b->shape + 6 * (size_t)i,
                              b->normal ? b->normal + 3 * (size_t)i : NULL) < 3)
         flags |= PERI__FLAT | PERI__SURFACE;
-    if (b->plate) {
-        const peri_material *own = &peri__matter_of(&b->bonds, &b->matter, i)->m;
-        double nu = (double)own->poisson, stiff = (double)own->young * (double)peri__firmness(&b->bonds, i);
-        peri__plate_make(&b->bonds, i, b->rigidity * stiff / (1 - nu * nu), nu, b->plate + PERI__PLATE * (size_t)i);
-    }
     /* bonds to one side only: on a face of a lattice 0.5, inside of scattered points below 0.1 */
     if (!(lean[0] * lean[0] + lean[1] * lean[1] + lean[2] * lean[2] < 0.15 * 0.15 * arm * arm)) flags |= PERI__SURFACE;
     if (!b->moment) return flags;
@@ -3408,11 +3402,70 @@ static void peri__bonds_view(peri__body *b) {
     v->moment = b->moment;
     v->normal = b->normal;
     v->plate = b->plate;
+    v->plate_rest = b->plate_rest;
+    v->plate_rows = b->plate_rows;
     v->matters = b->matters;
     v->kind = b->kind;
     v->factor = b->firmness;
     v->far_gain = b->far_gain;
     v->unit = b->spacing * b->spacing * b->spacing;
+}
+
+typedef struct peri__bending {
+    peri__body *b;
+    int phase;
+} peri__bending;
+
+/* What particle i's own bonds give, then (second phase) what they give to the particles at their other ends. */
+static void peri__bending_task(int begin, int end, void *context) {
+    peri__bending *p = (peri__bending *)context;
+    peri__body *b = p->b;
+    size_t rows = (size_t)b->plate_rows;
+    int i, k;
+    for (i = begin; i < end; i++) {
+        if (p->phase == 0) {
+            const peri__matter *m = peri__matter_of(&b->bonds, &b->matter, i);
+            double scale = b->rigidity * b->bonds.unit * (double)(b->volume[i] * peri__firmness(&b->bonds, i));
+            b->plate_stiffness[i] = (peri_real)peri__plate_make(
+                &b->bonds, i, b->spacing, scale * m->plane_mu, scale * m->plane_lambda, b->plate,
+                b->plate_rest ? b->plate_rest + PERI__PLATE_REST * (size_t)i : NULL);
+            continue;
+        }
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            int low = b->row[b->col[k]], high = b->row[b->col[k] + 1] - 1;
+            while (low < high) {    /* the same bond in the row of its other end */
+                int middle = low + (high - low) / 2;
+                if (b->col[middle] < i) low = middle + 1;
+                else high = middle;
+            }
+            memcpy(b->plate + (2 * (size_t)k + 1) * rows, b->plate + 2 * (size_t)low * rows, rows * sizeof *b->plate);
+        }
+    }
+}
+
+/* Bending of a sheet: three numbers a bond at each end, five where the sheet is curved at rest. */
+static peri_result peri__bending_make(peri_world *w, peri__body *b) {
+    peri__bending task;
+    size_t n = (size_t)b->count, bonds = (size_t)b->row[b->count], rows = 3, all;
+    int i, k;
+    for (i = 0; i < b->count; i++)
+        for (k = b->row[i]; k < b->row[i + 1]; k++) {
+            const peri_real *at = b->normal + 3 * (size_t)i;
+            peri_real height = at[0] * b->xi[0][k] + at[1] * b->xi[1][k] + at[2] * b->xi[2][k];
+            if (!(fabs((double)height) < 1e-4 * b->spacing)) rows = 5;
+        }
+    all = 2 * rows * bonds + n + (rows == 5 ? PERI__PLATE_REST * n : 0);
+    b->plate_bytes = all * sizeof *b->plate;
+    b->plate = (peri_real *)peri__spare_resize(NULL, 0, b->plate_bytes, w);
+    if (!b->plate) return peri__no_memory(w, b->plate_bytes);
+    b->plate_stiffness = b->plate + 2 * rows * bonds;
+    b->plate_rest = rows == 5 ? b->plate_stiffness + n : NULL;
+    b->plate_rows = (int)rows;
+    peri__bonds_view(b);
+    task.b = b;
+    for (task.phase = 0; task.phase < 2; task.phase++)
+        peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__bending_task, &task);
+    return PERI_OK;
 }
 
 /* Volume of a particle that is given none, m^3. */
@@ -3791,11 +3844,9 @@ static double peri__end_stiffness(const peri__body *b, int i, double gain) {
     return (m->stiffness_g + gain * m->stiffness_h) * (b->firmness ? (double)b->firmness[i] : 1);
 }
 
-/* What bending adds to a bond's stiffness, Pa: the second derivative of its own term; by the fit the plate is softer. */
+/* What bending adds to a bond's stiffness, N/m: |sum L u|^2 <= sum L^2 sum |u|^2. */
 static double peri__bend_stiffness(const peri__body *b, int i, int k) {
-    const peri_real *plate = b->plate;
-    if (!plate) return 0;
-    return (double)((plate[PERI__PLATE * (size_t)i + 12] + plate[PERI__PLATE * (size_t)b->col[k] + 12]) * b->inv_r2[k]);
+    return b->plate ? (double)b->plate_stiffness[i] + (double)b->plate_stiffness[b->col[k]] : 0;
 }
 
 /* Stiffness of bond k of particle i in the constant matrix (PP section 4.1, SH (23)), N/m. */
@@ -3804,11 +3855,11 @@ static double peri__bond_stiffness(const peri__body *b, int i, int k) {
     int j = b->col[k];
     if (!b->matters && !b->firmness && !b->far_gain)
         return cube * (double)(b->weight[k] * b->inv_r2[k] * (b->share[i] + b->share[j])) *
-               (b->matter.stiffness_g + gain * b->matter.stiffness_h + peri__bend_stiffness(b, i, k));
+                   (b->matter.stiffness_g + gain * b->matter.stiffness_h) +
+               peri__bend_stiffness(b, i, k);
     both = (double)b->share[i] * peri__end_stiffness(b, i, gain) +
            (double)b->share[j] * peri__end_stiffness(b, j, b->far_gain ? (double)b->far_gain[k] : gain);
-    both += peri__bend_stiffness(b, i, k) * (double)(b->share[i] + b->share[j]);
-    return cube * (double)(b->weight[k] * b->inv_r2[k]) * both;
+    return cube * (double)(b->weight[k] * b->inv_r2[k]) * both + peri__bend_stiffness(b, i, k);
 }
 
 /* State of the new particles: called when nothing can fail any more. */
@@ -3879,6 +3930,7 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
     peri__grid_fill(&make->grid, make->x, NULL, d->count, (double)d->horizon * (double)d->spacing);
     bad = peri__bonds_count(w, b, make);
     if (!bad) bad = peri__bonds_make(w, b, make, *flags);
+    if (!bad && b->rigidity > 0) bad = peri__bending_make(w, b);
     if (bad) return bad;
     if (w->def.integrator == PERI_BDF2) wants |= PERI__WANT_HISTORY;
     if (b->plate) wants |= PERI__WANT_PLATE;
@@ -3972,6 +4024,7 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         id.generation = slot->slot.generation;
     } else {
         peri__drop(w, b.block, b.block_bytes);
+        if (b.plate) peri__spare_resize(b.plate, b.plate_bytes, 0, w);
         peri__report(w, bad);
     }
     if (make.grid.start) peri__grid_free(w, &make.grid);
@@ -5409,7 +5462,7 @@ static void peri__force_task(int begin, int end, void *context) {
     size_t i;
     p->row->force(p->bonds, &p->b->matter, p->x, begin, end, coef, p->f);
     if (special) peri__special_force(p->bonds, &p->b->matter, p->x, begin, end, p->f);
-    if (p->b->plate) peri__plate_force(p->bonds, p->x, begin, end, peri__plate_coef(p->w, p->b), p->f);
+    if (p->b->plate) peri__plate_force(p->bonds, begin, end, peri__plate_coef(p->w, p->b), p->f);
     if (!p->star) return;
     for (i = (size_t)begin; i < (size_t)end; i++) {
         double mass = (double)p->w->mass[(size_t)p->b->first + i] * p->inv_h2;
