@@ -661,6 +661,24 @@ static void peri__bond_nn(const peri__bond *o, peri_real nn[6]) {
     nn[5] = 2 * a * o->xi[1];
 }
 
+static void peri__cross(const double *a, const double *b, double *out) {
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Two unit tangents across the unit normal N, so that t0 x t1 = N. */
+static void peri__plate_tangents(const double n[3], double t[6]) {
+    double length;
+    int c, least = 0;
+    for (c = 1; c < 3; c++)
+        if (fabs(n[c]) < fabs(n[least])) least = c;
+    for (c = 0; c < 3; c++) t[c] = (c == least) - n[least] * n[c];
+    length = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+    for (c = 0; c < 3; c++) t[c] /= length;
+    peri__cross(n, t, t + 3);
+}
+
 /* Fbar of particle i: least squares over its bonds, weights omega / r^2. */
 static void peri__gradient(const peri__bonds *b, const double *x, int i, double f[9]) {
     const peri_real *s = b->shape + 6 * (size_t)i;
@@ -1151,6 +1169,46 @@ static void peri__matter_make(const peri_material *source, int sheet, peri__matt
     m->restore = (peri_real)(shear * (double)source->restore);
 }
 
+/* Completes the gradient of a plane's map by what becomes of the plane's normal: the normal of the image, `stretch` long.
+   Where the image is a line or a point, any direction across it. */
+static void peri__gradient_complete(const peri_real *normal, double stretch, double f[9]) {
+    double n[3], t[6], a[6], image[3], length, along;
+    int c, d, least = 0;
+    for (c = 0; c < 3; c++) n[c] = (double)normal[c];
+    peri__plate_tangents(n, t);
+    for (c = 0; c < 3; c++)
+        for (d = 0; d < 2; d++)
+            a[3 * d + c] = f[3 * c] * t[3 * d] + f[3 * c + 1] * t[3 * d + 1] + f[3 * c + 2] * t[3 * d + 2];
+    peri__cross(a, a + 3, image);
+    length = image[0] * image[0] + image[1] * image[1] + image[2] * image[2];
+    if (!(length > 1e-24)) {
+        double aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = a[3] * a[3] + a[4] * a[4] + a[5] * a[5];
+        const double *line = aa > bb ? a : a + 3;
+        along = aa > bb ? aa : bb;
+        for (c = 1; c < 3; c++)
+            if (fabs(line[c]) < fabs(line[least])) least = c;
+        for (c = 0; c < 3; c++) image[c] = (c == least) - (along > 1e-24 ? line[least] * line[c] / along : 0);
+        length = image[0] * image[0] + image[1] * image[1] + image[2] * image[2];
+    }
+    length = stretch / sqrt(length);
+    for (c = 0; c < 3; c++)
+        for (d = 0; d < 3; d++) f[3 * c + d] += length * image[c] * n[d];
+}
+
+/* The shape to restore: singular values made positive and clamped to [0.5, 1.5]. */
+static void peri__shape_wanted(const double u[9], const double sigma[3], const double v[9], peri_real *fhat) {
+    double t[9];
+    int i, j, k;
+    for (k = 0; k < 3; k++) {
+        double s = fabs(sigma[k]) < 0.5 ? 0.5 : fabs(sigma[k]) > 1.5 ? 1.5 : fabs(sigma[k]);
+        for (i = 0; i < 3; i++) t[3 * i + k] = u[3 * i + k] * s;
+    }
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++)
+            fhat[3 * i + j] =
+                (peri_real)(t[3 * i] * v[3 * j] + t[3 * i + 1] * v[3 * j + 1] + t[3 * i + 2] * v[3 * j + 2]);
+}
+
 /* Is a particle out of shape? f: its Fbar; h: its C - 1, or NULL. Then fhat (9) is the shape to restore: singular
    values of Fbar made positive (the smallest one flips) and clamped to [0.5, 1.5]. */
 PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const double *h, peri_real *fhat) {
@@ -1174,15 +1232,29 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
         bad = t[0] < (low > 0 ? low * low : 0) || t[2] > high * high;
         if (bad) peri_svd3(f, u, sigma, v);
     }
-    if (!bad) return 0;
-    for (k = 0; k < 3; k++) {
-        double s = fabs(sigma[k]) < 0.5 ? 0.5 : fabs(sigma[k]) > 1.5 ? 1.5 : fabs(sigma[k]);
-        for (i = 0; i < 3; i++) t[3 * i + k] = u[3 * i + k] * s;
+    if (bad) peri__shape_wanted(u, sigma, v, fhat);
+    return bad;
+}
+
+/* The same for a sheet, whose metric h alone can be out of shape: folds and mirror images are none. normal: of the plane of
+   its bonds at rest; f is completed by it. */
+PERI__SHARED int peri__unhealthy_sheet(const peri__matter *m, const double f[9], const double h[6],
+                                       const peri_real *normal, peri_real *fhat) {
+    double low = (double)m->m.healthy_min, high = (double)m->m.healthy_max, c[6], value[3], u[9], sigma[3], v[9], away = 0;
+    double whole[9];
+    int k;
+    if (!(m->restore > 0)) return 0;
+    for (k = 0; k < 6; k++) {
+        c[k] = h[k] + (k < 3);
+        away += (k < 3 ? 1 : 2) * h[k] * h[k];
     }
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++)
-            fhat[3 * i + j] =
-                (peri_real)(t[3 * i] * v[3 * j] + t[3 * i + 1] * v[3 * j + 1] + t[3 * i + 2] * v[3 * j + 2]);
+    if (away < 0.25 && low < 0.7 && high > 1.23) return 0;
+    peri_eigen3(c, value, v);       /* along the normal it is 1 */
+    if (value[0] >= (low > 0 ? low * low : 0) && value[2] <= high * high) return 0;
+    memcpy(whole, f, sizeof whole);
+    peri__gradient_complete(normal, 1, whole);
+    peri_svd3(whole, u, sigma, v);
+    peri__shape_wanted(u, sigma, v, fhat);
     return 1;
 }
 
@@ -1203,12 +1275,6 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
 #define PERI__PLATE_STRIDE 15   /* dE_i/dK_a (9), curved: dE_i/dt_a (6) */
 #define PERI__PLATE_REST 9      /* s_a (3), t_a at rest (6) */
 #define PERI__PLATE_SEEN 0.01   /* of a curvature's square: what the bonds feel of it (1/16 to 1/8 within a sheet) */
-
-static void peri__cross(const double *a, const double *b, double *out) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* Unit normal n along c = t_0 x t_1, phi = |n|/|c|, and slope = 2 dphi/d|c|^2, continued below |c| = 1/5: n then fades. */
 static void peri__plate_normal(const double *t, double c[3], double n[3], double *phi, double *slope) {
@@ -1295,18 +1361,6 @@ PERI__SHARED void peri__plate_force(const peri__bonds *b, int begin, int end, co
         }
         for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] += sum[c];
     }
-}
-
-/* Two unit tangents across the unit normal N, so that t0 x t1 = N. */
-static void peri__plate_tangents(const double n[3], double t[6]) {
-    double length;
-    int c, least = 0;
-    for (c = 1; c < 3; c++)
-        if (fabs(n[c]) < fabs(n[least])) least = c;
-    for (c = 0; c < 3; c++) t[c] = (c == least) - n[least] * n[c];
-    length = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
-    for (c = 0; c < 3; c++) t[c] /= length;
-    peri__cross(n, t, t + 3);
 }
 
 /* The fit of one particle. Lengths are in spacings. */
