@@ -1,6 +1,7 @@
 /* test_sheets.c - one layer of points: plane stress of the membrane, bending of the plate, flat and curved.
  *
- * Exact values are computed here: plane stress by minimising the law over the thickness, bending by Kirchhoff's plate. */
+ * Exact values are computed here: plane stress by minimising the law over the thickness, bending by Kirchhoff's
+ * plate. */
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
 
@@ -19,7 +20,8 @@ static void sheet_begin(scene *s, int nx, int ny, double d, double thickness, do
     for (i = 0; i < s->n && radius > 0; i++) {
         double angle = (double)points[3 * i + 1] / radius;
         points[3 * i + 1] = (peri_real)(radius * sin(angle));
-        points[3 * i + 2] = (peri_real)(radius * (1 - cos(angle)) + 0.1 * (double)points[3 * i] * (double)points[3 * i]);
+        points[3 * i + 2] =
+            (peri_real)(radius * (1 - cos(angle)) + 0.1 * (double)points[3 * i] * (double)points[3 * i]);
     }
     free(s->points);
     s->points = points;
@@ -64,9 +66,9 @@ static double plane_energy(const peri_material *m, double h[6]) {
     return a < b ? a : b;
 }
 
-/* Every law of the correspondence model under random affine maps of the plane, stretches up to 40 %, turned in space: the
-   energy is that of plane stress at every particle, borders and corners too. In float the squares of strains of 0.1 lose
-   their last digits: 1e-5 of the energy. */
+/* Every law of the correspondence model under random affine maps of the plane, stretches up to 40 %, turned in space:
+   the energy is that of plane stress at every particle, borders and corners too. In float the squares of strains of
+   0.1 lose their last digits: 1e-5 of the energy. */
 static void plane_stress_affine(void) {
     double worst = 0;
     int law, t;
@@ -100,8 +102,9 @@ static void plane_stress_affine(void) {
     CHECK(worst < (IS_DOUBLE ? 1e-9 : 1e-5));
 }
 
-/* The stretch and projective models have the moduli that the header says, at small strain, inside the sheet: 8 neighbours
-   of equal weight are isotropic, so lattice sums are exact. Strain 1e-3: nonlinear terms of 1e-3 at most. */
+/* The stretch and projective models have the moduli that the header says, at small strain, inside the sheet: 8
+   neighbours of equal weight are isotropic, so lattice sums are exact. Strain 1e-3: nonlinear terms of 1e-3 at most.
+   */
 static void plane_stress_moduli(void) {
     static const int models[3] = {M_LINEAR, M_STVK, M_PROJECTIVE};
     int k, t;
@@ -177,7 +180,8 @@ static void rest_and_momentum(void) {
     for (curved = 0; curved < 2; curved++) {
         scene s;
         peri_material m = material_of(M_NEO_HOOKEAN, 1e5, 0.3);
-        double r[9], same[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, sum[3] = {0, 0, 0}, moment[3] = {0, 0, 0}, size = 0, worst = 0;
+        double r[9], same[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, sum[3] = {0, 0, 0}, moment[3] = {0, 0, 0};
+        double size = 0, worst = 0;
         peri_real force[3 * 56];
         sheet_begin(&s, 8, 7, 0.1, 0.05, curved ? 0.4 : 0);
         s.body_def.bending = 2;
@@ -186,7 +190,8 @@ static void rest_and_momentum(void) {
         deform(&s, r, 0);
         peri_body_forces(s.world, s.body, force);
         for (k = 0; k < 3 * s.n; k++) worst = fabs((double)force[k]) > worst ? fabs((double)force[k]) : worst;
-        FIGURE(curved ? "curved sheet, turned: largest force over E d t" : "flat sheet, turned: largest force over E d t",
+        FIGURE(curved ? "curved sheet, turned: largest force over E d t"
+                      : "flat sheet, turned: largest force over E d t",
                worst / (1e5 * 0.1 * 0.05));
         CHECK(worst < 200 * EPS * 1e5 * 0.1 * 0.05);
         deform(&s, same, 0.02);
@@ -225,8 +230,8 @@ static void stiffness_times(scene *s, const unsigned char *fixed, const double *
     for (k = 0; k < 3 * s->n; k++) out[k] = fixed[k / 3] ? 0 : -(double)force[k] / small;
 }
 
-/* Displacements w under the forces r (3 n, N; lost): conjugate gradients on the library's forces at small displacements, to
-   1e-6 of the residual (the free ring: rounding would wake its rigid motions later). */
+/* Displacements w under the forces r (3 n, N; lost): conjugate gradients on the library's forces at small
+   displacements, to 1e-6 of the residual (the free ring: rounding would wake its rigid motions later). */
 static void solve_linear(scene *s, const unsigned char *fixed, double *r, double *w) {
     int n = 3 * s->n, i, it;
     double *p = (double *)malloc((size_t)n * sizeof *p), *q = (double *)malloc((size_t)n * sizeof *q), rr = 0, first;
@@ -251,16 +256,17 @@ static void solve_linear(scene *s, const unsigned char *fixed, double *r, double
     free(q);
 }
 
-/* Tip of a sheet clamped along one edge, 1 m long, of the given width, n points along, thickness 0.02 m, E 1e6 Pa, under
-   its weight, over Kirchhoff's clamped beam rho g l^4 12/(8 E t^2). Two rows are fixed: the clamp acts half way between
-   them (peri_default_sheet_def), and the free end is half a spacing beyond the last row. */
+/* Tip of a sheet clamped along one edge, 1 m long, of the given width, n points along, thickness 0.02 m, E 1e6 Pa,
+   under its weight, over Kirchhoff's clamped beam rho g l^4 12/(8 E t^2). Two rows are fixed: the clamp acts half way
+   between them (peri_default_sheet_def), and the free end is half a spacing beyond the last row. */
 static double clamped_tip(int n, double width, double nu, int model) {
     scene s;
     double d = 1.0 / n, t = 0.02, young = 1e6, rho = 1000, last = 0, previous = 0;
     peri_material m = material_of(model, young, nu);
     int nx = n + 1, ny = (int)(width * n + 0.5), i;
     unsigned char *fixed = (unsigned char *)calloc((size_t)(nx * ny), 1);
-    double *w = (double *)calloc(3 * (size_t)(nx * ny), sizeof *w), *r = (double *)calloc(3 * (size_t)(nx * ny), sizeof *r);
+    double *w = (double *)calloc(3 * (size_t)(nx * ny), sizeof *w);
+    double *r = (double *)calloc(3 * (size_t)(nx * ny), sizeof *r);
     m.density = (peri_real)rho;
     sheet_begin(&s, nx, ny, d, t, 0);
     for (i = 0; i < nx * ny; i++) fixed[i] = i % nx < 2;
@@ -279,8 +285,9 @@ static double clamped_tip(int n, double width, double nu, int model) {
     return -(last + (last - previous) / 2) / (rho * 12 / (8 * young * t * t));
 }
 
-/* A closed tube of radius 0.5 m, 0.02 m thick, n points around and 4 along, pinched by two opposite line loads p, becomes
-   narrower by (pi/4 - 2/pi) p R^3 12/(E t^3) (thin rings; nu 0): over that. A sheet that is curved at rest. */
+/* A closed tube of radius 0.5 m, 0.02 m thick, n points around and 4 along, pinched by two opposite line loads p,
+   becomes narrower by (pi/4 - 2/pi) p R^3 12/(E t^3) (thin rings; nu 0): over that. A sheet that is curved at rest.
+   */
 static double pinched_ring(int n, int model) {
     scene s;
     double pi = 3.14159265358979324, radius = 0.5, t = 0.02, d = 2 * pi * radius / n, narrower = 0;
@@ -323,8 +330,8 @@ static void pinched_tube(void) {
         }
 }
 
-/* Issue: within 5 % at two spacings. A narrow strip must bend as the sheet does when nu is 0. With nu 0.3 a sheet as wide
-   as long lies between the beam (1) and the plate that keeps its width (1 - nu^2 = 0.91). */
+/* Issue: within 5 % at two spacings. A narrow strip must bend as the sheet does when nu is 0. With nu 0.3 a sheet as
+   wide as long lies between the beam (1) and the plate that keeps its width (1 - nu^2 = 0.91). */
 static void clamped_sheet(void) {
     double ratio;
     int n;
@@ -348,10 +355,10 @@ static void clamped_sheet(void) {
     CHECK(ratio > 0.91 && ratio < 1.0);
 }
 
-/* The energy density of every particle under z = K:xx/2 is the plate's, exactly: on a lattice, on scattered points and with
-   a wider horizon, where the family tells the curvature; an edge keeps what bends along it, with no moment across:
-   D (1 - nu^2)/(2t) of a curvature along it, all of a twist. The membrane's part is (12/t^2) x^4 K^2/4 = 8e1 K^2 at x = 0.5.
-   In float L is rounded: 8 terms, each 100 times what is left where terms cancel. */
+/* The energy density of every particle under z = K:xx/2 is the plate's, exactly: on a lattice, on scattered points
+   and with a wider horizon, where the family tells the curvature; an edge keeps what bends along it, with no moment
+   across: D (1 - nu^2)/(2t) of a curvature along it, all of a twist. The membrane's part is (12/t^2) x^4 K^2/4 = 8e1
+   K^2 at x = 0.5. In float L is rounded: 8 terms, each 100 times what is left where terms cancel. */
 static void plate_quadratic(void) {
     static const double curvature[4][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 0}};
     static const double edge[4] = {0, 0.91, 1, 0.35};   /* of the left edge: (1 - nu^2), 1, (1 - nu^2)/(2 (1 + nu)) */
@@ -364,7 +371,8 @@ static void plate_quadratic(void) {
             peri_real value[121];
             const double *k = curvature[q];
             double d_t = 1e6 * 1e-2 / (12 * 0.91), trace = k[0] + k[1], wanted, e;
-            wanted = d_t / 2 * (0.7 * (k[0] * k[0] + k[1] * k[1] + 2 * k[2] * k[2]) + 0.3 * trace * trace) * size * size;
+            wanted = 0.7 * (k[0] * k[0] + k[1] * k[1] + 2 * k[2] * k[2]) + 0.3 * trace * trace;
+            wanted *= d_t / 2 * size * size;
             sheet_begin(&s, 11, 11, 0.1, 0.1, 0);
             random_seed(31);
             for (i = 0; i < 3 * s.n && kind == 1; i++)
@@ -466,10 +474,11 @@ static void jacobi(double *a, int n) {
             }
 }
 
-/* Lowest vibrations of a free square plate, 1 m, nu 0.3: omega a^2 sqrt(rho t/D) = 13.49, 19.60, 24.27 (Leissa 1969) after
-   the three motions that cost nothing, and no fourth of these, on a lattice and on scattered points. Second order in the
-   spacing, edges of half a spacing to each side: 12 points a side are allowed (2/12)^2 = 3 % of stiffness at scattered
-   and lattice points alike, times two for the areas, which scattered points are not told (all d^2). */
+/* Lowest vibrations of a free square plate, 1 m, nu 0.3: omega a^2 sqrt(rho t/D) = 13.49, 19.60, 24.27 (Leissa 1969)
+   after the three motions that cost nothing, and no fourth of these, on a lattice and on scattered points. Second
+   order in the spacing, edges of half a spacing to each side: 12 points a side are allowed (2/12)^2 = 3 % of
+   stiffness at scattered and lattice points alike, times two for the areas, which scattered points are not told (all
+   d^2). */
 static void free_plate(void) {
     enum { N = 12, ALL = N * N };
     static double a[ALL * ALL], value[ALL];
@@ -506,15 +515,16 @@ static void free_plate(void) {
         CHECK(fabs(value[0]) < 1e-9 * most && fabs(value[2]) < 1e-9 * most);
         for (k = 0; k < 3; k++) {
             double omega = sqrt(value[3 + k] / unit);
-            printf("    free plate%s, mode %d: %.3f, exact %.2f\n", scattered ? ", scattered" : "", k + 1, omega, exact[k]);
+            printf("    free plate%s, mode %d: %.3f, exact %.2f\n", scattered ? ", scattered" : "", k + 1, omega,
+                   exact[k]);
             NEAR(omega / exact[k], 1, scattered ? 0.06 : 0.03);
         }
         scene_end(&s);
     }
 }
 
-/* The clamped sheet of above as a user runs it: the world's own steps, in both builds. Backward Euler in steps of 1 s comes
-   to rest; deflections stay below a tenth of the thickness. Beams: theory, 5 % by the issue. */
+/* The clamped sheet of above as a user runs it: the world's own steps, in both builds. Backward Euler in steps of 1 s
+   comes to rest; deflections stay below a tenth of the thickness. Beams: theory, 5 % by the issue. */
 static void clamped_steps(void) {
     static const int models[3] = {M_PROJECTIVE, M_LINEAR, M_NEO_HOOKEAN};
     unsigned char fixed[17 * 16];
@@ -537,7 +547,8 @@ static void clamped_steps(void) {
             iterations += peri_world_stats(s.world).iterations;
         }
         x = peri_body_positions(s.world, s.body);
-        for (i = 0; i < 16; i++) tip -= (1.5 * (double)x[3 * (17 * i + 16) + 2] - 0.5 * (double)x[3 * (17 * i + 15) + 2]) / 16;
+        for (i = 0; i < 16; i++)
+            tip -= (1.5 * (double)x[3 * (17 * i + 16) + 2] - 0.5 * (double)x[3 * (17 * i + 15) + 2]) / 16;
         printf("    %s: tip over beam %.4f, %d iterations of 30 steps of 1 s\n", material_name[models[k]], tip / beam,
                iterations);
         /* the projective model has nu 1/3 there: between 1 - 1/9 and 1 */
@@ -547,8 +558,8 @@ static void clamped_steps(void) {
     }
 }
 
-/* Sheets pressed to a line and to a point, and shuffled, get their metric back: after 5 s no particle is out of shape and every
-   bond is within a tenth of its length (folds may stay: a sheet's metric does not see them). */
+/* Sheets pressed to a line and to a point, and shuffled, get their metric back: after 5 s no particle is out of shape
+   and every bond is within a tenth of its length (folds may stay: a sheet's metric does not see them). */
 static void sheets_recover(void) {
     static const int models[3] = {M_PROJECTIVE, M_LINEAR, M_NEO_HOOKEAN};
     static const char *const name[3] = {"line", "point", "shuffle"};
