@@ -1152,6 +1152,7 @@ static void peri__matter_make(const peri_material *source, int sheet, peri__matt
     peri__basis_compile(&source->h, &m->h);
     if (sheet) peri__matter_flatten(m);
     source = &m->m;
+    /* in a plane s 4 mu: of Timoshenko's beam 4 and 8 across, nu 0: 0.99 0.99; nu 0.3: 1.07 1.02; s 1: 1.18 1.06 */
     m->stabiliser = (peri_real)(shear * (double)source->stabiliser);
     g2 = peri__basis_second(&m->g);
     h2 = peri__basis_second(&m->h);
