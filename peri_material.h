@@ -33,6 +33,7 @@
                       too high); the exact law is the correspondence model.
        PP (8)-(11)    Poisson's ratio is 1/4 for affine maps whatever the constants; T_dev drops a derivative, so
                       angular momentum drifts (peri.h, WORKING RANGE).
+       all            bending comes from horizon and weights: here sheets have a plate's, by their thickness (plates).
        PP, SH         against inversion the smallest singular direction is flipped, not two fixed rows.
 
    OPTIONS  those of peri_solver.h.
@@ -42,7 +43,7 @@
        1  materials
        2  presets
        3  a material point
-       implementation: basis functions, laws, the three models, their table
+       implementation: basis functions, laws, the three models, their table, plates
 
    HISTORY
        0.1.0  first version: elastic models
@@ -591,9 +592,12 @@ typedef struct peri__bonds {
     const peri_real *share;         /* c_i */
     const peri_real *volume;        /* v_i */
     const peri_real *shape;         /* 6 n: (sum omega n n)^-1, pseudo-inverse where that is singular */
-    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence only); of sheets the pseudo-inverse */
+    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence); of all sheets the pseudo-inverse */
     const peri_real *normal;        /* 3 n: reference normals of a sheet, or NULL */
-    const peri_real *plate;         /* PERI__PLATE n: bending of a sheet, or NULL */
+    const peri_real *plate;         /* 2 plate_rows a bond: bending of a sheet, or NULL. What the bond gives to K_a and
+                                       (curved sheets) t_a of its own particle, then of the particle at its other end */
+    const peri_real *plate_rest;    /* PERI__PLATE_REST n: curved sheets' shape at rest, or NULL */
+    int plate_rows;                 /* 3: flat, 5: curved */
     const unsigned char *mode;      /* n: a peri__mode each */
     peri_real *special;             /* 9 n: of particles whose mode is not PERI__MAIN (NULL: there are none) */
     double unit;                    /* d^3 */
@@ -616,6 +620,7 @@ typedef struct peri__matter {
     peri_real stabiliser;   /* s (15/2) mu, Pa */
     peri_real restore;      /* k of the restoring energy, Pa */
     double stiffness_g, stiffness_h;    /* bond stiffness of the constant matrix, Pa: g'' part, h'' part (times G) */
+    double plane_mu, plane_lambda;      /* of a sheet: mu and lambda' in plane stress, Pa */
 } peri__matter;
 
 typedef struct peri__bond {
@@ -655,6 +660,24 @@ static void peri__bond_nn(const peri__bond *o, peri_real nn[6]) {
     nn[3] = 2 * b * o->xi[2];
     nn[4] = 2 * a * o->xi[2];
     nn[5] = 2 * a * o->xi[1];
+}
+
+static void peri__cross(const double *a, const double *b, double *out) {
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Two unit tangents across the unit normal N, so that t0 x t1 = N. */
+static void peri__plate_tangents(const double n[3], double t[6]) {
+    double length;
+    int c, least = 0;
+    for (c = 1; c < 3; c++)
+        if (fabs(n[c]) < fabs(n[least])) least = c;
+    for (c = 0; c < 3; c++) t[c] = (c == least) - n[least] * n[c];
+    length = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
+    for (c = 0; c < 3; c++) t[c] /= length;
+    peri__cross(n, t, t + 3);
 }
 
 /* Fbar of particle i: least squares over its bonds, weights omega / r^2. */
@@ -793,8 +816,8 @@ static void peri__packed6(const peri_real *a, const double in[6], double out[6])
     }
 }
 
-/* Thickness of a sheet takes what value frees it of normal stress: the component of H along the normal N, found such that
-   N.dPsi/dC N = 0 (regula falsi, Illinois). Psi is least there, so its other derivatives feel nothing of the search. */
+/* Thickness of a sheet takes what value frees it of normal stress: the component of H along the normal N, found such
+   that N.dPsi/dC N = 0 (regula falsi, Illinois). Psi is least there: its other derivatives feel nothing of it. */
 static double peri__law_plane(const peri_material *m, const peri_real *normal, double h[6], double dpsi[6]) {
     static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
     double flat[6], nn[6], low = -0.99, high = 3, at, g, g_low = 0, g_high = 0, psi = 0, nu = (double)m->poisson;
@@ -1096,25 +1119,40 @@ PERI__SHARED void peri__special_force(const peri__bonds *b, const peri__matter *
     }
 }
 
-/* Constants for one layer of points in plane stress. There the bonds average over a circle, <n n n n> = (dd + dd + dd)/8
+/* Constants for one layer of points in plane stress. There bonds average over a circle, <n n n n> = (dd + dd + dd)/8
    in place of the sphere's 15: ms = 4 mu, ls = 2 (lambda' - mu), lambda' = 2 lambda mu/(lambda + 2 mu); the projective
-   model has E = 2 (a + b/2)/3 and Poisson's ratio 1/3. */
-static void peri__matter_flatten(peri_material *m) {
-    double mu = (double)m->ms / 7.5, lambda = (double)m->ls / 4.5 + mu, plane = 2 * lambda * mu / (lambda + 2 * mu);
-    m->ms = (peri_real)(4 * mu);
-    m->ls = (peri_real)(2 * (plane - mu));
-    m->a *= PERI__R(0.5);
-    m->b *= PERI__R(0.5);
+   model has E = 2 (a + b/2)/3 and Poisson's ratio 1/3. Its term in a would resist bending by the spacing, not by the
+   thickness (measured: a sheet 18 times too stiff): in a sheet all its stiffness is b's. */
+static void peri__matter_flatten(peri__matter *matter) {
+    peri_material *m = &matter->m;
+    double g2 = peri__basis_second(&matter->g) / 2, h2 = peri__basis_second(&matter->h) / 2;    /* 1 for the presets */
+    double mu = (double)m->ms * h2 / 7.5, lambda = (double)m->ls * g2 / 4.5 + mu, plane;
+    if (!(lambda > -0.66 * mu)) lambda = -0.66 * mu;
+    plane = 2 * lambda * mu / (lambda + 2 * mu);
+    m->ms = (peri_real)((double)m->ms * 4 / 7.5);
+    if (g2 > 0) m->ls = (peri_real)(2 * (plane - mu) / g2);
+    m->b = m->a + m->b / 2;
+    m->a = 0;
+    if (m->model == PERI_MODEL_PROJECTIVE) {
+        mu = plane = (double)m->b / 8;
+    } else if (m->model == PERI_MODEL_CORRESPONDENCE) {
+        mu = (double)m->mu;
+        plane = 2 * (double)m->lambda * mu / ((double)m->lambda + 2 * mu);
+    }
+    matter->plane_mu = mu;
+    matter->plane_lambda = plane;
 }
 
 /* Fills everything that the loops need of a material. */
 static void peri__matter_make(const peri_material *source, int sheet, peri__matter *m) {
     double shear = (sheet ? 4 : 7.5) * (double)source->mu, bulk, g2, h2;
+    memset(m, 0, sizeof *m);
     m->m = *source;
-    if (sheet) peri__matter_flatten(&m->m);
-    source = &m->m;
     peri__basis_compile(&source->g, &m->g);
     peri__basis_compile(&source->h, &m->h);
+    if (sheet) peri__matter_flatten(m);
+    source = &m->m;
+    /* in a plane s 4 mu: of Timoshenko's beam 4 and 8 across, nu 0: 0.99 0.99; nu 0.3: 1.07 1.02; s 1: 1.18 1.06 */
     m->stabiliser = (peri_real)(shear * (double)source->stabiliser);
     g2 = peri__basis_second(&m->g);
     h2 = peri__basis_second(&m->h);
@@ -1131,6 +1169,46 @@ static void peri__matter_make(const peri_material *source, int sheet, peri__matt
         m->stiffness_h = 2 * shear * ((double)source->stabiliser > 1 ? (double)source->stabiliser : 1);
     }
     m->restore = (peri_real)(shear * (double)source->restore);
+}
+
+/* Completes the gradient of a plane's map by what becomes of the plane's normal: the normal of the image, `stretch`
+   long. Where the image is a line or a point, any direction across it. */
+static void peri__gradient_complete(const peri_real *normal, double stretch, double f[9]) {
+    double n[3], t[6], a[6], image[3], length, along;
+    int c, d, least = 0;
+    for (c = 0; c < 3; c++) n[c] = (double)normal[c];
+    peri__plate_tangents(n, t);
+    for (c = 0; c < 3; c++)
+        for (d = 0; d < 2; d++)
+            a[3 * d + c] = f[3 * c] * t[3 * d] + f[3 * c + 1] * t[3 * d + 1] + f[3 * c + 2] * t[3 * d + 2];
+    peri__cross(a, a + 3, image);
+    length = image[0] * image[0] + image[1] * image[1] + image[2] * image[2];
+    if (!(length > 1e-24)) {
+        double aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = a[3] * a[3] + a[4] * a[4] + a[5] * a[5];
+        const double *line = aa > bb ? a : a + 3;
+        along = aa > bb ? aa : bb;
+        for (c = 1; c < 3; c++)
+            if (fabs(line[c]) < fabs(line[least])) least = c;
+        for (c = 0; c < 3; c++) image[c] = (c == least) - (along > 1e-24 ? line[least] * line[c] / along : 0);
+        length = image[0] * image[0] + image[1] * image[1] + image[2] * image[2];
+    }
+    length = stretch / sqrt(length);
+    for (c = 0; c < 3; c++)
+        for (d = 0; d < 3; d++) f[3 * c + d] += length * image[c] * n[d];
+}
+
+/* The shape to restore: singular values made positive and clamped to [0.5, 1.5]. */
+static void peri__shape_wanted(const double u[9], const double sigma[3], const double v[9], peri_real *fhat) {
+    double t[9];
+    int i, j, k;
+    for (k = 0; k < 3; k++) {
+        double s = fabs(sigma[k]) < 0.5 ? 0.5 : fabs(sigma[k]) > 1.5 ? 1.5 : fabs(sigma[k]);
+        for (i = 0; i < 3; i++) t[3 * i + k] = u[3 * i + k] * s;
+    }
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++)
+            fhat[3 * i + j] =
+                (peri_real)(t[3 * i] * v[3 * j] + t[3 * i + 1] * v[3 * j + 1] + t[3 * i + 2] * v[3 * j + 2]);
 }
 
 /* Is a particle out of shape? f: its Fbar; h: its C - 1, or NULL. Then fhat (9) is the shape to restore: singular
@@ -1156,258 +1234,282 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
         bad = t[0] < (low > 0 ? low * low : 0) || t[2] > high * high;
         if (bad) peri_svd3(f, u, sigma, v);
     }
-    if (!bad) return 0;
-    for (k = 0; k < 3; k++) {
-        double s = fabs(sigma[k]) < 0.5 ? 0.5 : fabs(sigma[k]) > 1.5 ? 1.5 : fabs(sigma[k]);
-        for (i = 0; i < 3; i++) t[3 * i + k] = u[3 * i + k] * s;
+    if (bad) peri__shape_wanted(u, sigma, v, fhat);
+    return bad;
+}
+
+/* The same for a sheet, whose metric h alone can be out of shape: folds and mirror images are none. normal: of the
+   plane of its bonds at rest; f is completed by it. */
+PERI__SHARED int peri__unhealthy_sheet(const peri__matter *m, const double f[9], const double h[6],
+                                       const peri_real *normal, peri_real *fhat) {
+    double low = (double)m->m.healthy_min, high = (double)m->m.healthy_max, c[6], value[3], away = 0;
+    double whole[9], u[9], sigma[3], v[9];
+    int k;
+    if (!(m->restore > 0)) return 0;
+    for (k = 0; k < 6; k++) {
+        c[k] = h[k] + (k < 3);
+        away += (k < 3 ? 1 : 2) * h[k] * h[k];
     }
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++)
-            fhat[3 * i + j] =
-                (peri_real)(t[3 * i] * v[3 * j] + t[3 * i + 1] * v[3 * j + 1] + t[3 * i + 2] * v[3 * j + 2]);
+    if (away < 0.25 && low < 0.7 && high > 1.23) return 0;
+    peri_eigen3(c, value, v);       /* along the normal it is 1 */
+    if (value[0] >= (low > 0 ? low * low : 0) && value[2] <= high * high) return 0;
+    memcpy(whole, f, sizeof whole);
+    peri__gradient_complete(normal, 1, whole);
+    peri_svd3(whole, u, sigma, v);
+    peri__shape_wanted(u, sigma, v, fhat);
     return 1;
 }
 
 /* ---- implementation 9: plates -------------------------------------------------------------------------------------
-   Bending of one layer of points. e_ij = y_ij - G_i xi_ij - s_ij n_i is how bond ij departs from the tangent plane of
-   particle i, apart from the departure s_ij = N_i.xi_ij that it has at rest: G_i is the least squares fit of the bonds in
-   the plane (weights omega/r^4), n_i the normal of the plane G_i. For a curvature K of the surface e/r^2 = n n.K n/2, so
-       Psi_i = beta sum omega |e|^2/r^4 + gamma |m_i|^2,   m_i = sum omega e/r^2
-             = beta/32 (2 K:K + tr^2 K) + gamma/16 tr^2 K
-   in an isotropic family; a plate has D/(2t) [(1 - nu) K:K + nu tr^2 K]. beta = 8 (1 - nu) D/t, gamma = 8 nu D/t - beta/2
-   is at least -beta/2: Psi is convex (Cauchy-Schwarz). At edges bonds are one-sided and the fit takes part of the curve:
-   there both are scaled so that the strongest direction bends as a beam does. Derivatives through G_i vanish by the
-   normal equations in the first term; the others are kept: forces are exact. Ours; no paper has it. */
+   Bending of one layer of points. From its bonds alone a particle knows how the surface through it is curved:
+   y = G p + K q is fitted by least squares (weights omega/r^4) over its tangent plane, p = (xi0, xi1),
+   q = (xi0^2/2, xi1^2/2, xi0 xi1/sqrt 2), so that K = (K00, K11, sqrt 2 K01), a vector each, is linear in y and exact
+   for every quadratic map, whatever the family. A plate has
+       Psi = t^2/24 (2 mu K:K + lambda' tr^2 K) = D/(2t) ((1 - nu) K:K + nu tr^2 K),   D = E t^3/(12 (1 - nu^2)),
+   lambda' = 2 lambda mu/(lambda + 2 mu): a positive form, whose root is folded into the fit with the volume:
+       E_i = 1/2 sum_a |K_a|^2,   K_a = sum_j L_aj y_ij,   three numbers L_aj a bond.
+   At an edge bonds are one-sided and cannot tell some curvatures from a slope: the energy is least over those, which is
+   the edge's own condition, that no moment acts across it. Where the sheet is curved at rest, K_a = s_a N, it is
+   1/2 sum_a |K_a - s_a n|^2 with n the present unit normal, along t_0 x t_1, and t_a = sum_j T_aj y_ij the tangents G
+   of the same fit (two numbers more a bond). Forces are exact, and have no torque, as E_i is the same in every frame.
+   Ours; no paper has it. (Measured against it: beta sum omega |z|^2/r^4 + gamma |sum omega z/r^2|^2, z = y - G xi,
+   calibrated per particle, is 20 to 27 % soft on scattered points, 14 % at horizon 2.5, and costs 4 times as much.) */
 
-#define PERI__PLATE 16      /* S (6), N (3), h = S sum omega xi/r^2 (3), beta, gamma, sum omega s/r^2 */
-#define PERI__PLATE_STRIDE 20   /* G (9), gamma m (3), n (3), q (3), beta, unit c */
+#define PERI__PLATE_STRIDE 15   /* dE_i/dK_a (9), curved: dE_i/dt_a (6) */
+#define PERI__PLATE_REST 9      /* s_a (3), t_a at rest (6) */
+#define PERI__PLATE_SEEN 0.01   /* of a curvature's square: what the bonds feel of it (1/16 to 1/8 within a sheet) */
 
-typedef struct peri__plate_bond {
-    peri_real omega_r2, omega_r4;   /* without c_i/v_i */
-    peri_real e[3], s;
-} peri__plate_bond;
-
-static void peri__symmetric_apply(const peri_real *s, const double v[3], double out[3]) {
-    out[0] = (double)s[0] * v[0] + (double)s[5] * v[1] + (double)s[4] * v[2];
-    out[1] = (double)s[5] * v[0] + (double)s[1] * v[1] + (double)s[3] * v[2];
-    out[2] = (double)s[4] * v[0] + (double)s[3] * v[1] + (double)s[2] * v[2];
+/* Unit normal n along c = t_0 x t_1, phi = |n|/|c|, and slope = 2 dphi/d|c|^2, continued below |c| = 1/5: n then
+   fades. */
+static void peri__plate_normal(const double *t, double c[3], double n[3], double *phi, double *slope) {
+    const double least = 0.04;
+    double q, x;
+    int k;
+    peri__cross(t, t + 3, c);
+    q = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+    if (q > least) {
+        *phi = 1 / sqrt(q);
+        *slope = -*phi / q;
+    } else {
+        x = q / least - 1;
+        *phi = (1 + x * (-0.5 + x * 0.375)) / sqrt(least);
+        *slope = 2 * (-0.5 + x * 0.75) / (least * sqrt(least));
+    }
+    for (k = 0; k < 3; k++) n[k] = *phi * c[k];
 }
 
-/* Departure of bond o from the plane g with normal n (reference: N). */
-static void peri__plate_departure(const peri__bond *o, const peri_real *g, const peri_real *n, const peri_real *ref,
-                                  peri__plate_bond *p) {
-    int c;
-    p->omega_r2 = o->weight * o->inv_r2;
-    p->omega_r4 = p->omega_r2 * o->inv_r2;
-    p->s = ref[0] * o->xi[0] + ref[1] * o->xi[1] + ref[2] * o->xi[2];
-    for (c = 0; c < 3; c++)
-        p->e[c] = o->y[c] - g[3 * c] * o->xi[0] - g[3 * c + 1] * o->xi[1] - g[3 * c + 2] * o->xi[2] - p->s * n[c];
-}
-
-/* G of particle i, and the normal of its plane with the dual vectors of two tangents t (rows of `dual`). */
-static void peri__plate_fit(const peri__bonds *b, const double *x, int i, const double t[6], peri_real *g,
-                            peri_real *n, double dual[6]) {
-    const peri_real *plate = b->plate + PERI__PLATE * (size_t)i;
-    double sum[9] = {0, 0, 0, 0, 0, 0, 0, 0, 0}, row[3], a[6], aa, bb, ab, det, scale = (double)(b->share[i] / b->volume[i]);
-    double normal[3], length;
-    int k, c, d;
-    for (k = b->row[i]; k < b->row[i + 1]; k++) {
-        peri__bond o;
-        double w;
-        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-        w = scale * (double)(o.weight * o.inv_r2 * o.inv_r2);
-        for (c = 0; c < 9; c++) sum[c] += w * (double)o.y[c / 3] * (double)o.xi[c % 3];
+/* Coefficients of a particle that is curved at rest; k: its K_a and t_a less those at rest, in; out their pulls. */
+static double peri__plate_curved(const peri_real *rest, const peri_real *k, peri_real *out) {
+    double t0[6], t[6], c[3], n0[3], n[3], pull[3] = {0, 0, 0}, g[3], turn[6], phi, slope, energy = 0, along = 0;
+    int a, d;
+    for (a = 0; a < 6; a++) {
+        t0[a] = (double)rest[3 + a];
+        t[a] = t0[a] + (double)k[9 + a];
     }
-    for (c = 0; c < 3; c++) {
-        peri__symmetric_apply(plate, sum + 3 * c, row);
-        for (d = 0; d < 3; d++) g[3 * c + d] = (peri_real)row[d];
-        for (d = 0; d < 2; d++) a[3 * d + c] = row[0] * t[3 * d] + row[1] * t[3 * d + 1] + row[2] * t[3 * d + 2];
-    }
-    aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
-    bb = a[3] * a[3] + a[4] * a[4] + a[5] * a[5];
-    ab = a[0] * a[3] + a[1] * a[4] + a[2] * a[5];
-    det = aa * bb - ab * ab;
-    normal[0] = a[1] * a[5] - a[2] * a[4];
-    normal[1] = a[2] * a[3] - a[0] * a[5];
-    normal[2] = a[0] * a[4] - a[1] * a[3];
-    length = sqrt(det > 0 ? det : 0);
-    for (c = 0; c < 3; c++) {
-        n[c] = length > 1e-6 ? (peri_real)(normal[c] / length) : plate[6 + c];
-        dual[c] = length > 1e-6 ? (bb * a[c] - ab * a[3 + c]) / det : 0;
-        dual[3 + c] = length > 1e-6 ? (aa * a[3 + c] - ab * a[c]) / det : 0;
-    }
-}
-
-/* Two unit tangents across the unit normal N, so that t0 x t1 = N. */
-static void peri__plate_tangents(const peri_real *normal, double t[6]) {
-    double n[3], length;
-    int c, least = 0;
-    for (c = 0; c < 3; c++) n[c] = (double)normal[c];
-    for (c = 1; c < 3; c++)
-        if (fabs(n[c]) < fabs(n[least])) least = c;
-    for (c = 0; c < 3; c++) t[c] = (c == least) - n[least] * n[c];
-    length = sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]);
-    for (c = 0; c < 3; c++) t[c] /= length;
-    t[3] = n[1] * t[2] - n[2] * t[1];
-    t[4] = n[2] * t[0] - n[0] * t[2];
-    t[5] = n[0] * t[1] - n[1] * t[0];
+    peri__plate_normal(t0, c, n0, &phi, &slope);
+    peri__plate_normal(t, c, n, &phi, &slope);
+    for (a = 0; a < 3; a++)
+        for (d = 0; d < 3; d++) {
+            double s = (double)rest[a], m = (double)k[3 * a + d] + s * (n0[d] - n[d]);
+            energy += m * m / 2;
+            pull[d] -= s * m;       /* dE/dn */
+            out[3 * a + d] = (peri_real)m;
+        }
+    for (d = 0; d < 3; d++) along += pull[d] * c[d];
+    for (d = 0; d < 3; d++) g[d] = phi * pull[d] + slope * along * c[d];    /* dE/dc */
+    peri__cross(t + 3, g, turn);
+    peri__cross(g, t, turn + 3);
+    for (a = 0; a < 6; a++) out[9 + a] = (peri_real)turn[a];
+    return energy;
 }
 
 /* Coefficients of particles begin .. end - 1 into coef, and their bending energy, J. */
 PERI__SHARED double peri__plate_local(const peri__bonds *b, const double *x, int begin, int end, peri_real *coef) {
-    double energy = 0, t[6], dual[6];
-    int i, k, c;
+    int i, k, c, a, rows = b->plate_rows;
+    double sum = 0;
     for (i = begin; i < end; i++) {
-        const peri_real *plate = b->plate + PERI__PLATE * (size_t)i;
-        peri_real *out = coef + PERI__PLATE_STRIDE * (size_t)i;
-        double scale = (double)(b->share[i] / b->volume[i]), beta = (double)plate[12], gamma = (double)plate[13];
-        double m[3] = {0, 0, 0}, turn[3] = {0, 0, 0}, squares = 0, along[3] = {0, 0, 0}, q[3];
-        peri__plate_tangents(plate + 6, t);
-        peri__plate_fit(b, x, i, t, out, out + 12, dual);
+        const double *xi = x + 3 * (size_t)i;
+        peri_real all[PERI__PLATE_STRIDE], *out = coef + PERI__PLATE_STRIDE * (size_t)i;
+        for (a = 0; a < 3 * rows; a++) all[a] = 0;
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
-            peri__bond o;
-            peri__plate_bond p;
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-            peri__plate_departure(&o, out, out + 12, plate + 6, &p);
-            for (c = 0; c < 3; c++) {
-                squares += (double)(p.omega_r4 * p.e[c] * p.e[c]);
-                m[c] += scale * (double)(p.omega_r2 * p.e[c]);
-                turn[c] += scale * (double)(p.omega_r4 * p.s * p.e[c]);
-            }
+            const double *xj = x + 3 * (size_t)b->col[k];
+            const peri_real *l = b->plate + 2 * (size_t)rows * (size_t)k;
+            peri_real u[3];
+            for (c = 0; c < 3; c++) u[c] = (peri_real)(xj[c] - xi[c] - (double)b->xi[c][k]);
+            for (a = 0; a < rows; a++)
+                for (c = 0; c < 3; c++) all[3 * a + c] += l[a] * u[c];
         }
-        squares *= scale;
-        energy += b->unit * (double)b->volume[i] *
-                  (beta * squares + gamma * (m[0] * m[0] + m[1] * m[1] + m[2] * m[2]));
-        /* dPsi/dn, and what it makes of dG: dn = -sum dual (n.dG t) */
-        for (c = 0; c < 3; c++) turn[c] = -2 * beta * turn[c] - 2 * gamma * (double)plate[14] * m[c];
-        for (c = 0; c < 3; c++)
-            along[c] = t[c] * (turn[0] * dual[0] + turn[1] * dual[1] + turn[2] * dual[2]) +
-                       t[3 + c] * (turn[0] * dual[3] + turn[1] * dual[4] + turn[2] * dual[5]);
-        peri__symmetric_apply(plate, along, q);
-        for (c = 0; c < 3; c++) {
-            out[9 + c] = (peri_real)(gamma * m[c]);
-            out[15 + c] = (peri_real)q[c];
+        if (rows == 5) {
+            sum += peri__plate_curved(b->plate_rest + PERI__PLATE_REST * (size_t)i, all, out);
+            continue;
         }
-        out[18] = (peri_real)beta;
-        out[19] = (peri_real)b->unit * b->share[i];
+        for (a = 0; a < 9; a++) {
+            sum += (double)all[a] * (double)all[a] / 2;
+            out[a] = all[a];
+        }
     }
-    return energy;
-}
-
-/* d(V_i Psi_i)/dy of bond o of particle i; sign -1: of the same bond seen from its other end, turned round. */
-static void peri__plate_pull(const peri_real *plate, const peri_real *coef, const peri__bond *o, peri_real sign,
-                             peri_real t[3]) {
-    peri__plate_bond p;
-    peri_real even, odd, lean;
-    int c;
-    peri__plate_departure(o, coef, coef + 12, plate + 6, &p);
-    even = sign * p.omega_r2;
-    odd = p.omega_r4 * (o->xi[0] * plate[9] + o->xi[1] * plate[10] + o->xi[2] * plate[11]);
-    lean = p.omega_r4 * (o->xi[0] * coef[15] + o->xi[1] * coef[16] + o->xi[2] * coef[17]);
-    for (c = 0; c < 3; c++)
-        t[c] = coef[19] * (2 * coef[18] * p.omega_r4 * p.e[c] + 2 * (even - odd) * coef[9 + c] - lean * coef[12 + c]);
+    return sum;
 }
 
 /* Adds the bending forces on particles begin .. end - 1 to f. */
-PERI__SHARED void peri__plate_force(const peri__bonds *b, const double *x, int begin, int end, const peri_real *coef,
-                                    peri_real *f) {
-    int i, k, c;
+PERI__SHARED void peri__plate_force(const peri__bonds *b, int begin, int end, const peri_real *coef, peri_real *f) {
+    int i, k, c, a, rows = b->plate_rows;
     for (i = begin; i < end; i++) {
-        peri_real sum[3] = {0, 0, 0}, ti[3], tj[3];
+        const peri_real *own = coef + PERI__PLATE_STRIDE * (size_t)i;
+        peri_real sum[3] = {0, 0, 0};
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
-            size_t j = (size_t)b->col[k];
-            peri__bond o;
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
-            peri__plate_pull(b->plate + PERI__PLATE * (size_t)i, coef + PERI__PLATE_STRIDE * (size_t)i, &o, 1, ti);
-            peri__plate_pull(b->plate + PERI__PLATE * j, coef + PERI__PLATE_STRIDE * j, &o, -1, tj);
-            for (c = 0; c < 3; c++) sum[c] += ti[c] + tj[c];
+            const peri_real *l = b->plate + 2 * (size_t)rows * (size_t)k;
+            const peri_real *far = coef + PERI__PLATE_STRIDE * (size_t)b->col[k];
+            for (a = 0; a < rows; a++)
+                for (c = 0; c < 3; c++) sum[c] += l[a] * own[3 * a + c] - l[rows + a] * far[3 * a + c];
         }
         for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] += sum[c];
     }
 }
 
-/* beta, gamma of a particle whose forms are given: q[0] of the first term, q[1] of the second (3x3, of K00 K11 K01,
-   packed 00 01 11 02 12 22). rigidity: D/t. The strongest of 32 directions bends as a beam: min Psi = D (1 - nu^2)/(2t)
-   per curvature squared along it. */
-static void peri__plate_scale(double q[2][6], double rigidity, double nu, peri_real *plate) {
-    double beta = 8 * (1 - nu) * rigidity, gamma = 8 * nu * rigidity - beta / 2, a[9], inverse[9], most = 0, det, trace;
-    int k, c, d;
-    for (k = 0, c = 0; c < 3; c++)
-        for (d = 0; d <= c; d++, k++) a[3 * c + d] = a[3 * d + c] = beta * q[0][k] + gamma * q[1][k];
-    trace = a[0] + a[4] + a[8];
-    for (c = 0; c < 9; c += 4) a[c] += 1e-3 * trace;     /* at edges no moment is felt in some directions */
-    det = peri_det3(a);
-    peri_adjugate3(a, inverse);
-    for (k = 0; k < 32 && det > 0; k++) {   /* directions by the half-angle formulas: no sine of a library */
-        double u = (k - 16) / 16.0, cosine = (1 - u * u) / (1 + u * u), sine = 2 * u / (1 + u * u), e[3], soft = 0;
-        e[0] = cosine * cosine;
-        e[1] = sine * sine;
-        e[2] = 2 * cosine * sine;
-        for (c = 0; c < 9; c++) soft += e[c / 3] * inverse[c] / det * e[c % 3];
-        if (soft > 0 && 1 / soft > most) most = 1 / soft;
-    }
-    /* a corner's three bonds feel twist alone, which bears no moment in any direction: it stays as it is */
-    trace = rigidity * (1 - nu * nu) / 2;
-    trace = most > 0.05 * trace ? trace / most : 1;
-    plate[12] = (peri_real)(beta * trace);
-    plate[13] = (peri_real)(gamma * trace);
+/* The fit of one particle. Lengths are in spacings. */
+typedef struct peri__plate_fit {
+    double t[9];        /* tangents, normal */
+    double slope[4];    /* (sum W p p)^-1 */
+    double carry[6];    /* what a slope takes of q: q - carry p is left */
+    double curve[9];    /* K = curve sum W (q - carry p) y */
+    double root[9];     /* of the plate's form, times curve */
+} peri__plate_fit;
+
+/* p, and q - carry p, of bond k; height over the tangent plane. Returns W. */
+static double peri__plate_bond(const peri__bonds *b, int i, int k, double d, const peri__plate_fit *fit, double p[2],
+                               double q[3], double *height) {
+    double xi[3], r2 = d * d * (double)b->inv_r2[k];
+    int c;
+    for (c = 0; c < 3; c++) xi[c] = (double)b->xi[c][k] / d;
+    p[0] = fit->t[0] * xi[0] + fit->t[1] * xi[1] + fit->t[2] * xi[2];
+    p[1] = fit->t[3] * xi[0] + fit->t[4] * xi[1] + fit->t[5] * xi[2];
+    *height = fit->t[6] * xi[0] + fit->t[7] * xi[1] + fit->t[8] * xi[2];
+    q[0] = p[0] * p[0] / 2;
+    q[1] = p[1] * p[1] / 2;
+    q[2] = p[0] * p[1] * sqrt(0.5);
+    for (c = 0; c < 3; c++) q[c] -= fit->carry[c] * p[0] + fit->carry[3 + c] * p[1];
+    return (double)(b->weight[k] * b->share[i] / b->volume[i]) * r2 * r2;
 }
 
-/* The plate constants of particle i from its bonds at rest. Returns 0 when they span no plane: it does not bend. */
-PERI__SHARED int peri__plate_make(const peri__bonds *b, int i, double rigidity, double nu, peri_real *plate) {
-    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
-    double tensor[6] = {0, 0, 0, 0, 0, 0}, value[3], v[9], t[6], lean[3] = {0, 0, 0}, h[3], q[2][6], mean[3];
-    double fit[3][3], scale = (double)(b->share[i] / b->volume[i]), offset = 0;
-    int k, c, d, at;
-    memset(plate, 0, PERI__PLATE * sizeof *plate);
-    memset(q, 0, sizeof q);
-    memset(fit, 0, sizeof fit);
-    memset(mean, 0, sizeof mean);
-    for (k = b->row[i]; k < b->row[i + 1]; k++) {
-        double w2 = scale * (double)(b->weight[k] * b->inv_r2[k]), w4 = w2 * (double)b->inv_r2[k];
-        for (c = 0; c < 6; c++) tensor[c] += w4 * (double)b->xi[row[c]][k] * (double)b->xi[col[c]][k];
-        for (c = 0; c < 3; c++) lean[c] += w2 * (double)b->xi[c][k];
+/* Pseudo-inverse of a symmetric 2x2 (00, 01, 10, 11). */
+static void peri__invert2(const double a[4], double out[4]) {
+    double trace = a[0] + a[3], det = a[0] * a[3] - a[1] * a[2];
+    int k;
+    for (k = 0; k < 4; k++) out[k] = trace > 0 ? a[k] / (trace * trace) : 0;      /* all bonds along one line */
+    if (!(det > 1e-3 * trace * trace)) return;
+    out[0] = a[3] / det;
+    out[1] = out[2] = -a[1] / det;
+    out[3] = a[0] / det;
+}
+
+/* curve and root from Q = sum W q~ q~ (Voigt): curvatures that the bonds do not feel are left to take what value costs
+   least. Form: 2 mu 1 + lambda t t^T with t = (1, 1, 0). */
+static void peri__plate_root(const double q[6], double mu, double lambda, peri__plate_fit *fit) {
+    double value[3], v[9], form[9], root[9];
+    int a, c, m;
+    peri_eigen3(q, value, v);
+    for (a = 0; a < 3; a++)
+        for (c = 0; c < 3; c++)
+            form[3 * a + c] = (a == c) * 2 * mu + lambda * (v[a] + v[3 + a]) * (v[c] + v[3 + c]);
+    for (m = 0; m < 3; m++) {
+        if (value[m] > PERI__PLATE_SEEN) continue;
+        for (a = 0; a < 3; a++)
+            for (c = 0; c < 3; c++)
+                if (a != m && c != m) form[3 * a + c] -= form[3 * a + m] * form[3 * m + c] / form[4 * m];
+        for (a = 0; a < 3; a++) form[3 * a + m] = form[3 * m + a] = 0;
     }
-    peri_eigen3(tensor, value, v);
-    if (!(value[1] > 1e-3 * value[2]) || !(value[2] > 0)) return 0;
-    for (c = 0; c < 6; c++)
-        plate[c] = (peri_real)(v[3 * row[c] + 1] * v[3 * col[c] + 1] / value[1] +
-                               v[3 * row[c] + 2] * v[3 * col[c] + 2] / value[2]);
-    for (c = 0; c < 3; c++) plate[6 + c] = (peri_real)v[3 * c];
-    peri__symmetric_apply(plate, lean, h);
-    for (c = 0; c < 3; c++) plate[9 + c] = (peri_real)h[c];
-    peri__plate_tangents(plate + 6, t);
-    /* forms of the three unit curvatures: first what the fit takes of each, then what is left */
-    for (at = 0; at < 2; at++)
-        for (k = b->row[i]; k < b->row[i + 1]; k++) {
-            double w2 = scale * (double)(b->weight[k] * b->inv_r2[k]), w4 = w2 * (double)b->inv_r2[k], z[3], p[2], xi[3];
-            for (c = 0; c < 3; c++) xi[c] = (double)b->xi[c][k];
-            for (c = 0; c < 2; c++) p[c] = t[3 * c] * xi[0] + t[3 * c + 1] * xi[1] + t[3 * c + 2] * xi[2];
-            z[0] = p[0] * p[0] / 2;
-            z[1] = p[1] * p[1] / 2;
-            z[2] = p[0] * p[1];
-            for (c = 0; c < 3 && !at; c++)
-                for (d = 0; d < 3; d++) fit[c][d] += w4 * z[c] * xi[d];
-            if (!at) continue;
-            for (c = 0; c < 3; c++) {
-                peri__symmetric_apply(plate, fit[c], h);
-                z[c] -= h[0] * xi[0] + h[1] * xi[1] + h[2] * xi[2];
-                mean[c] += w2 * z[c];
-            }
-            for (d = 0, c = 0; c < 6; c++) {
-                static const int first[6] = {0, 1, 1, 2, 2, 2}, second[6] = {0, 0, 1, 0, 1, 2};
-                q[0][c] += w4 * z[first[c]] * z[second[c]];
-            }
-            offset += w2 * ((double)plate[6] * xi[0] + (double)plate[7] * xi[1] + (double)plate[8] * xi[2]);
+    memset(root, 0, sizeof root);
+    for (m = 0; m < 3; m++) {       /* Cholesky; pivots of curvatures that are not felt are 0 */
+        if (!(form[4 * m] > 0)) continue;
+        for (a = m; a < 3; a++) root[3 * a + m] = form[3 * a + m] / sqrt(form[4 * m]);
+        for (a = m + 1; a < 3; a++)
+            for (c = m + 1; c < 3; c++) form[3 * a + c] -= root[3 * a + m] * root[3 * c + m];
+    }
+    memset(fit->curve, 0, sizeof fit->curve);
+    memset(fit->root, 0, sizeof fit->root);
+    for (m = 0; m < 3; m++)
+        for (a = 0; a < 9 && value[m] > PERI__PLATE_SEEN; a++) {
+            fit->curve[a] += v[a / 3 * 3 + m] * v[a % 3 * 3 + m] / value[m];
+            fit->root[a] += root[3 * m + a / 3] * v[a % 3 * 3 + m] / value[m];
         }
-    for (at = 0, c = 0; c < 3; c++)
-        for (d = 0; d <= c; d++) q[1][at++] = mean[c] * mean[d];
-    plate[14] = (peri_real)offset;
-    peri__plate_scale(q, rigidity, nu, plate);
-    return 1;
 }
 
-/* ---- implementation 10: a material point -------------------------------------------------------------------------- */
+/* Fits over the plane of fit->t. tilt: slopes of the rest shape over that plane. */
+static void peri__plate_over(const peri__bonds *b, int i, double d, double mu, double lambda, peri__plate_fit *fit,
+                             double tilt[2]) {
+    double pp[4] = {0, 0, 0, 0}, pq[6] = {0, 0, 0, 0, 0, 0}, qq[6] = {0, 0, 0, 0, 0, 0}, ph[2] = {0, 0};
+    double qh[3] = {0, 0, 0}, p[2], q[3], height, w;
+    static const int row[6] = {0, 1, 2, 1, 0, 0}, col[6] = {0, 1, 2, 2, 2, 1};
+    int k, c, a;
+    memset(fit->carry, 0, sizeof fit->carry);
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        w = peri__plate_bond(b, i, k, d, fit, p, q, &height);
+        for (c = 0; c < 4; c++) pp[c] += w * p[c / 2] * p[c % 2];
+        for (c = 0; c < 6; c++) pq[c] += w * p[c / 3] * q[c % 3];
+        for (c = 0; c < 2; c++) ph[c] += w * p[c] * height;
+    }
+    peri__invert2(pp, fit->slope);
+    for (c = 0; c < 6; c++)
+        fit->carry[c] = fit->slope[c / 3 * 2] * pq[c % 3] + fit->slope[c / 3 * 2 + 1] * pq[3 + c % 3];
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        w = peri__plate_bond(b, i, k, d, fit, p, q, &height);
+        for (c = 0; c < 6; c++) qq[c] += w * q[row[c]] * q[col[c]];
+        for (c = 0; c < 3; c++) qh[c] += w * q[c] * height;
+    }
+    peri__plate_root(qq, mu, lambda, fit);
+    for (a = 0; a < 2; a++) {
+        tilt[a] = fit->slope[2 * a] * ph[0] + fit->slope[2 * a + 1] * ph[1];
+        for (c = 0; c < 9; c++) tilt[a] -= fit->carry[3 * a + c / 3] * fit->curve[c] * qh[c % 3];
+    }
+}
+
+/* The fit of particle i; a curved sheet's plane is turned until the surface has no slope over it. */
+static void peri__plate_find(const peri__bonds *b, int i, double d, double mu, double lambda, peri__plate_fit *fit) {
+    double tilt[2], length;
+    int c, turns;
+    for (c = 0; c < 3; c++) fit->t[6 + c] = (double)b->normal[3 * (size_t)i + (size_t)c];
+    for (turns = 0; turns < 20; turns++) {
+        peri__plate_tangents(fit->t + 6, fit->t);
+        peri__plate_over(b, i, d, mu, lambda, fit, tilt);
+        if (b->plate_rows == 3 || tilt[0] * tilt[0] + tilt[1] * tilt[1] < 1e-24) return;
+        for (c = 0; c < 3; c++) fit->t[6 + c] -= tilt[0] * fit->t[c] + tilt[1] * fit->t[3 + c];
+        length = sqrt(fit->t[6] * fit->t[6] + fit->t[7] * fit->t[7] + fit->t[8] * fit->t[8]);
+        for (c = 0; c < 3; c++) fit->t[6 + c] /= length;
+    }
+}
+
+/* L, T of particle i's bonds into plate, its shape at rest into rest (NULL: flat). d: spacing, m; mu, lambda: Lame's
+   constants in plane stress times volume and t^2/12, J m^2. Returns the sum of L^2 over the bonds, N/m. */
+PERI__SHARED double peri__plate_make(const peri__bonds *b, int i, double d, double mu, double lambda, peri_real *plate,
+                                     peri_real *rest) {
+    peri__plate_fit fit;
+    double sum = 0, p[2], q[3], height, curve[3] = {0, 0, 0}, t[6] = {0, 0, 0, 0, 0, 0}, l;
+    int k, c, a, rows = b->plate_rows;
+    peri__plate_find(b, i, d, mu, lambda, &fit);
+    for (k = b->row[i]; k < b->row[i + 1]; k++) {
+        double w = peri__plate_bond(b, i, k, d, &fit, p, q, &height);
+        peri_real *out = plate + 2 * (size_t)rows * (size_t)k;
+        for (a = 0; a < 3; a++) {
+            l = w * (fit.root[3 * a] * q[0] + fit.root[3 * a + 1] * q[1] + fit.root[3 * a + 2] * q[2]) / (d * d);
+            out[a] = (peri_real)l;
+            sum += l * l;
+            curve[a] += l * height * d;
+        }
+        for (a = 0; a < 2 && rows == 5; a++) {
+            l = fit.slope[2 * a] * p[0] + fit.slope[2 * a + 1] * p[1];
+            for (c = 0; c < 9; c++) l -= fit.carry[3 * a + c / 3] * fit.curve[c] * q[c % 3];
+            l *= w / d;
+            out[3 + a] = (peri_real)l;
+            for (c = 0; c < 3; c++) t[3 * a + c] += l * (double)b->xi[c][k];
+        }
+    }
+    for (a = 0; a < 3 && rest; a++) rest[a] = (peri_real)curve[a];
+    for (a = 0; a < 6 && rest; a++) rest[3 + a] = (peri_real)t[a];
+    return sum;
+}
+
+/* ---- implementation 10: a material point ------------------------------------------------------------------------- */
 
 /* Adds what one direction n, of weight w, gives to theta, or to the energy and stress once theta is known. */
 static double peri__point_direction(const peri__matter *m, const double f[9], const double n[3], double w, double slope,
