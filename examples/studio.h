@@ -2350,11 +2350,12 @@ STUDIO_API int studio_scene_sheet(studio_scene *s, const studio_mesh *m, const f
 /* Carries the vector v, kept at length 1, from one piece of a line to the next (unit directions a and b) without twist:
  * by the smallest turn that takes a to b. */
 STUDIO_API void studio_carry(const float *a, const float *b, float *v) {
-    float axis[3], turn[3], c = studio_dot(a, b);
+    float axis[3], turn[3], c = studio_dot(a, b), rest;
     studio_cross(a, b, axis);
     studio_cross(axis, v, turn);
+    rest = studio_dot(axis, v) / fmaxf(1.0f + c, 1e-3f);
     studio_set(v, c * v[0] + turn[0], c * v[1] + turn[1], c * v[2] + turn[2]);
-    studio_along(v, studio_dot(axis, v) / fmaxf(1.0f + c, 1e-3f), axis, v);
+    studio_along(v, rest, axis, v);
     studio_along(v, -studio_dot(b, v), b, v);
     studio_unit(v);
 }
