@@ -1,12 +1,12 @@
 /* cloth.c - what sheets do: three bending stiffnesses, two horizons, and a trampoline that knows directions.
  *
  * Three scenes, each with its picture and its checks:
- *   bend        three square cloths fall over a ball and differ in bending stiffness alone (PP figure 5 does it by its
- *               bending share mu; here it is a factor on the plate's rigidity E t^3 / 12 (1 - nu^2))
- *   horizon     two cloths without any plate stiffness: horizon 2 d with weight 1 / (1 + r/delta), and 4 d with weight
- *               r/delta (SH figure 9): more neighbours alone resist a fold
- *   trampoline  a ball falls on a square sheet with a fixed border: isotropic, stiffer along one side, and stiffer along
- *               a diagonal (SH figure 6, Sigma = 4, 1/4, 1)
+ *   bend        three square cloths fall over a ball and differ in the projective model's bending share alone (PP figure
+ *               5).  That stiffness goes with the spacing squared; peri_body_def.bending, 0 here, is the physical one
+ *   horizon     two cloths without any plate stiffness: horizon 2 d with weight 1 / (1 + r/delta), and 4 d with
+ *               weight r/delta (SH figure 9): more neighbours alone resist a fold
+ *   trampoline  a ball falls on a square sheet with a fixed border: isotropic, stiffer along one side, and stiffer
+ *               along a diagonal (SH figure 6, Sigma = 4, 1/4, 1)
  * PP = He et al. 2017, "Projective Peridynamics for Modeling Versatile Elastoplastic Materials"; SH = Xu et al. 2018,
  * "Reformulating Hyperelastic Materials with Peridynamic Modeling".
  *
@@ -43,8 +43,8 @@ typedef struct sheet {
     double start, growth;       /* energy at the start, J; its largest rise, share */
     double above;               /* least distance of the ball above the sheet, spacings of the sheet */
     double inside;              /* deepest particle in the collider, spacings */
-    double deepest;             /* of the trampoline, m */
-    float *low;                 /* its points at that moment */
+    double deepest, before;     /* of the trampoline, m; that of the frame before */
+    int touched, taken;         /* the ball has touched; the picture of the deepest moment is made */
     double dent[2];             /* its deflection half way to the rails: along x over along y, along one diagonal over
                                    the other */
 } sheet;
@@ -107,23 +107,22 @@ static int body_of(const cloth *c, sheet *s, peri_body_def *def, const peri_mate
 
 /* A cloth of 1.2 m over a ball on a post.  k: which of the scene's. */
 static int make_drape(const cloth *c, int scene, int k, sheet *s) {
-    static const float bending[PANELS] = {0.05f, 0.3f, 1};
-    peri_body_def def = peri_default_sheet_def(scene == BEND ? 0.012f : 0.006f);
+    static const float share[PANELS] = {0.05f, 0.3f, 1};
+    peri_body_def def = peri_default_sheet_def(0.006f);
     peri_collider_def post = peri_default_collider_def();
     peri_material m;
     if (world_of(c, s) || studio_cloth_points(&s->cloth, c->across, c->across, c->spacing)) return -1;
     if (scene == BEND) {
-        m = peri_material_projective(4e6f, 0.5f, 100);
-        def.bending = bending[k];
-        snprintf(s->label, sizeof s->label, "bending %g", (double)bending[k]);
+        m = peri_material_projective(1e5f, share[k], 100);
+        snprintf(s->label, sizeof s->label, "bending share %g", (double)share[k]);
     } else {
         m = peri_material_linear(1e6f, 0.25f, 100);
-        def.bending = 0;
         def.horizon = k ? 4.01f : 2.01f;
         def.kernel = k ? PERI_KERNEL_POWER : PERI_KERNEL_SHIFTED;
         def.kernel_power = -1;
         snprintf(s->label, sizeof s->label, k ? "horizon 4 d, weight r/delta" : "horizon 2 d, weight 1/(1 + r/delta)");
     }
+    def.bending = 0;
     def.position.z = 0.72f + 0.02f;
     def.rotation = studio_turn(0, 0, 1, 20);
     post.shape = peri_shape_ball(pole_radius);
@@ -173,8 +172,7 @@ static int make_trampoline(const cloth *c, int k, sheet *s) {
     ball.points = points;
     bad = studio_thing_make(&s->ball, s->world, &ball, &s->skin, pink);
     free(points);
-    s->low = (float *)studio_alloc(3 * (size_t)(c->across * c->across), sizeof(float));
-    return bad || !s->low ? -1 : 0;
+    return bad;
 }
 
 /* Deflection of the point i, j steps from the middle, m. */
@@ -188,9 +186,9 @@ static void shape_of_dent(const cloth *c, sheet *s) {
     const float *x = peri_body_positions(s->world, s->cloth.body);
     const int q = c->across / 4, d = (int)(0.7071 * c->across / 4 + 0.5);
     double deepest = depth_at(c, x, 0, 0);
-    if (deepest <= s->deepest) return;
+    s->touched |= peri_world_stats(s->world).contacts > 0;
+    if (!s->touched || deepest <= s->deepest) return;
     s->deepest = deepest;
-    memcpy(s->low, x, 3 * (size_t)(c->across * c->across) * sizeof *x);
     s->dent[0] = (depth_at(c, x, q, 0) + depth_at(c, x, -q, 0)) / (depth_at(c, x, 0, q) + depth_at(c, x, 0, -q));
     s->dent[1] = (depth_at(c, x, d, d) + depth_at(c, x, -d, -d)) / (depth_at(c, x, d, -d) + depth_at(c, x, -d, d));
 }
@@ -238,15 +236,14 @@ static double droop(const cloth *c, const sheet *s) {
 
 /* ---- pictures ---- */
 
-/* Colours of the trampoline by depth, in bands so that its lines of equal depth are seen. */
-static float *bands(const cloth *c, const float *x) {
+/* Colours of the trampoline by depth. */
+static float *depths(const cloth *c, const float *x) {
     const int n = c->across * c->across;
     float *rgb = (float *)studio_alloc(3 * (size_t)n, sizeof(float));
-    int i, k;
+    int i;
     for (i = 0; i < n && rgb; i++) {
-        float depth = (0.5f - x[3 * i + 2]) / 0.36f;
+        float depth = (0.5f - x[3 * i + 2]) / 0.27f;
         studio_colormap(1 - studio_clamp(depth, 0, 1), rgb + 3 * i);
-        for (k = 0; k < 3; k++) rgb[3 * i + k] = 0.25f + 0.75f * rgb[3 * i + k];
     }
     return rgb;
 }
@@ -291,7 +288,7 @@ static int draw(const cloth *c, int scene_of, sheet *s, studio_image *im) {
     scene.look.cell = 0.25f;
     scene.look.gloss = 0.15f;
     if (scene_of == TRAMPOLINE) {
-        colour = bands(c, peri_body_positions(s->world, s->cloth.body));
+        colour = depths(c, peri_body_positions(s->world, s->cloth.body));
         bad = !colour || studio_cloth_draw(&s->cloth, s->world, &scene, white, colour, dark) ||
               add_rails(c, &scene) || studio_thing_draw(&s->ball, s->world, &scene, NULL);
     } else
@@ -299,7 +296,7 @@ static int draw(const cloth *c, int scene_of, sheet *s, studio_image *im) {
               add_stand(c, &scene);
     free(colour);
     studio_set(target, 0, 0, scene_of == TRAMPOLINE ? 0.40f : 0.42f);
-    studio_orbit(&camera, target, 5.2f, 24, scene_of == TRAMPOLINE ? 42 : 14, scene_of == TRAMPOLINE ? 19 : 17);
+    studio_orbit(&camera, target, 5.2f, 24, scene_of == TRAMPOLINE ? 50 : 14, scene_of == TRAMPOLINE ? 19 : 17);
     bad = bad || studio_render(&scene, &camera, im);
     studio_scene_end(&scene);
     return bad;
@@ -355,14 +352,26 @@ static void check(cloth *c) {
 
 /* ---- main ---- */
 
+/* Copies panel k of a row to the sheet of pictures: a trampoline's at the deepest moment after the touch, which is known
+ * when it has passed, a cloth's in the end. */
+static void take(cloth *c, int scene, int k, int last, const studio_image *row) {
+    sheet *s = &c->at[scene][k];
+    int y, x = (c->sheet.width - row->width) / 2 + k * W;
+    const int now = s->touched && s->deepest <= s->before;
+    s->before = s->deepest;
+    if (s->taken || !(last || (scene == TRAMPOLINE && now))) return;
+    s->taken = 1;
+    for (y = 0; y < H; y++)
+        memcpy(c->sheet.rgb + 3 * ((size_t)(scene * H + y) * (size_t)c->sheet.width + (size_t)x),
+               row->rgb + 3 * ((size_t)y * (size_t)row->width + (size_t)(k * W)), 3 * (size_t)W);
+}
+
 static int run(cloth *c, int scene) {
     static const char *const file[SCENES] = {"cloth_bend.gif", "cloth_horizon.gif", "cloth_trampoline.gif"};
-    const int still = scene == TRAMPOLINE ? -1 : c->options.frames - 1;
-    int frames = scene == TRAMPOLINE ? 2 * c->options.frames / 3 : c->options.frames, k, j, f, bad = 0;
+    const int frames = scene == TRAMPOLINE ? 2 * c->options.frames / 3 : c->options.frames, still = frames - 1;
+    int k, j, f, bad = 0;
     studio_image row = {0, 0, NULL}, panel = {0, 0, NULL};
     studio_gif *gif = NULL;
-    double deepest = 0;
-    int taken = 0;
     for (k = 0; k < panels[scene] && !bad; k++)
         bad = (scene == TRAMPOLINE ? make_trampoline(c, k, &c->at[scene][k]) : make_drape(c, scene, k, &c->at[scene][k])) ||
               observe(c, scene, &c->at[scene][k]);
@@ -377,11 +386,7 @@ static int run(cloth *c, int scene) {
             for (j = 0; j < STEPS && !bad; j++) bad = step(c, scene, &c->at[scene][k]);
         if (bad || c->options.check) continue;
         bad = draw_row(c, scene, &row, &panel) || studio_gif_frame(gif, &row);
-        if (f == still || (scene == TRAMPOLINE && !taken && f > 3 && c->at[2][0].deepest <= deepest && deepest > 0.05)) {
-            taken = 1;
-            studio_image_paste(&c->sheet, &row, (c->sheet.width - row.width) / 2, scene * H);
-        }
-        deepest = scene == TRAMPOLINE ? c->at[2][0].deepest : 0;
+        for (k = 0; k < panels[scene]; k++) take(c, scene, k, f == still, &row);
     }
     studio_progress(&c->options, frames, frames, NULL);
     bad |= gif && studio_gif_end(gif);
@@ -398,7 +403,6 @@ static void release(cloth *c) {
             studio_cloth_free(&s->cloth);
             studio_thing_free(&s->ball);
             studio_mesh_free(&s->skin);
-            free(s->low);
             peri_world_destroy(s->world);
         }
     studio_image_free(&c->sheet);
