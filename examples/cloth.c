@@ -1,10 +1,10 @@
 /* cloth.c - what sheets do: three bending stiffnesses, two horizons, and a trampoline that knows directions.
  *
  * Three scenes, each with its picture and its checks:
- *   bend        three square cloths fall over a ball and differ in the projective model's bending share alone (PP figure
- *               5).  That stiffness goes with the spacing squared; peri_body_def.bending, 0 here, is the physical one
- *   horizon     two cloths without any plate stiffness: horizon 2 d with weight 1 / (1 + r/delta), and 4 d with
- *               weight r/delta (SH figure 9): more neighbours alone resist a fold
+ *   bend        three square cloths fall over a ball and differ in the projective model's bending share alone (PP
+ * figure               5).  That stiffness goes with the spacing squared; peri_body_def.bending, 0 here, is the
+ * physical one   horizon     two cloths without any plate stiffness: horizon 2 d with weight 1 / (1 + r/delta),
+ * and 4 d with               weight r/delta (SH figure 9): more neighbours alone resist a fold
  *   trampoline  a ball falls on a square sheet with a fixed border: isotropic, stiffer along one side, and stiffer
  *               along a diagonal (SH figure 6, Sigma = 4, 1/4, 1)
  * PP = He et al. 2017, "Projective Peridynamics for Modeling Versatile Elastoplastic Materials"; SH = Xu et al. 2018,
@@ -316,11 +316,11 @@ static int draw_row(cloth *c, int scene, studio_image *row, studio_image *panel)
 /* ---- checks ---- */
 
 /* Bounds.  Contact: half a contact distance, half a spacing, is where a point of the sheet would come to the other's
- * surface; the ball under the cloths is a collider, which a hard landing may enter by a quarter (peri.h).  Energy: as in
- * drop.c.  Order: a stiffer sheet droops less; by the papers, no number.  Dents, half
- * way to the rails: by symmetry equal in both directions of a pair, to a hundredth (the solve stops at a two-hundredth of
- * a spacing, the dent is spacings deep); the direction that is 16 times as stiff bears more and is longer, by at least
- * five times that hundredth. */
+ * surface; the ball under the cloths is a collider, which a hard landing may enter by a quarter (peri.h).  Energy:
+ * as in drop.c.  Order: a stiffer sheet droops less; by the papers, no number.  Dents, half
+ * way to the rails: by symmetry equal in both directions of a pair, to a hundredth (the solve stops at a
+ * two-hundredth of a spacing, the dent is spacings deep); the direction that is 16 times as stiff bears more and
+ * is longer, by at least five times that hundredth. */
 static void check(cloth *c) {
     static const char *const scene_name[SCENES] = {"bend", "horizon", "trampoline"};
     char name[96];
@@ -338,22 +338,25 @@ static void check(cloth *c) {
         }
     for (scene = 0; scene <= HORIZON; scene++)
         for (k = 1; k < panels[scene] && wanted(scene); k++) {
-            snprintf(name, sizeof name, "droop of %s over that of %s", c->at[scene][k].label, c->at[scene][k - 1].label);
+            snprintf(name, sizeof name, "droop of %s over that of %s", c->at[scene][k].label,
+                     c->at[scene][k - 1].label);
             studio_check(name, droop(c, &c->at[scene][k]) / droop(c, &c->at[scene][k - 1]), "", 0, 0.98);
         }
     if (!wanted(TRAMPOLINE)) return;
     for (k = 0; k < PANELS; k++) {
         const double *dent = c->at[TRAMPOLINE][k].dent;
-        printf("dent, %s, %.1f spacings deep:\n", c->at[TRAMPOLINE][k].label, c->at[TRAMPOLINE][k].deepest / (double)c->spacing);
+        printf("dent, %s, %.1f spacings deep:\n", c->at[TRAMPOLINE][k].label,
+               c->at[TRAMPOLINE][k].deepest / (double)c->spacing);
         studio_check("  along x over along y", dent[0], "", k == 1 ? 1.05 : 0.99, k == 1 ? HUGE_VAL : 1.01);
-        studio_check("  along one diagonal over the other", dent[1], "", k == 2 ? 1.05 : 0.99, k == 2 ? HUGE_VAL : 1.01);
+        studio_check("  along one diagonal over the other", dent[1], "", k == 2 ? 1.05 : 0.99,
+                     k == 2 ? HUGE_VAL : 1.01);
     }
 }
 
 /* ---- main ---- */
 
-/* Copies panel k of a row to the sheet of pictures: a trampoline's at the deepest moment after the touch, which is known
- * when it has passed, a cloth's in the end. */
+/* Copies panel k of a row to the sheet of pictures: a trampoline's at the deepest moment after the touch, which is
+ * known when it has passed, a cloth's in the end. */
 static void take(cloth *c, int scene, int k, int last, const studio_image *row) {
     sheet *s = &c->at[scene][k];
     int y, x = (c->sheet.width - row->width) / 2 + k * W;
@@ -373,7 +376,8 @@ static int run(cloth *c, int scene) {
     studio_image row = {0, 0, NULL}, panel = {0, 0, NULL};
     studio_gif *gif = NULL;
     for (k = 0; k < panels[scene] && !bad; k++)
-        bad = (scene == TRAMPOLINE ? make_trampoline(c, k, &c->at[scene][k]) : make_drape(c, scene, k, &c->at[scene][k])) ||
+        bad = (scene == TRAMPOLINE ? make_trampoline(c, k, &c->at[scene][k])
+                                   : make_drape(c, scene, k, &c->at[scene][k])) ||
               observe(c, scene, &c->at[scene][k]);
     if (!c->options.check && !bad) {
         bad = studio_image_make(&panel, W, H) || studio_image_make(&row, panels[scene] * W, H);

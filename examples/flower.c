@@ -1,9 +1,10 @@
 /* flower.c - a potted flower whose stem is stiffer than its leaves: gravity, a push on the stem, a push on a leaf.
  *
- * Answers SH figure 1 (a nonlinear, heterogeneous flower under gravity, a force on the stem, a force on a leaf; SH section
- * 6 calls its law St. Venant-Kirchhoff); SH = Xu et al. 2018, "Reformulating Hyperelastic Materials with Peridynamic
- * Modeling".  One body, one material, and a factor on every particle's stiffness (peri_body_def.stiffness), which the part
- * of the flower that it belongs to decides.  A second flower, its stem a tenth as stiff, shows what the map does.
+ * Answers SH figure 1 (a nonlinear, heterogeneous flower under gravity, a force on the stem, a force on a leaf; SH
+ * section 6 calls its law St. Venant-Kirchhoff); SH = Xu et al. 2018, "Reformulating Hyperelastic Materials with
+ * Peridynamic Modeling".  One body, one material, and a factor on every particle's stiffness
+ * (peri_body_def.stiffness), which the part of the flower that it belongs to decides.
+ * A second flower, its stem a tenth as stiff, shows what the map does.
  *
  *     cc -O2 examples/flower.c -lm -o flower && ./flower
  *
@@ -43,13 +44,13 @@ typedef struct flower {
     studio_worst worst;
     float *rest;                        /* positions under gravity, of the mapped one */
     peri_measure measure[FLOWERS];
-    double head[PHASES][FLOWERS], leaf[PHASES]; /* how far the blossom, and a leaf's tip, moved from the rest shape, m */
+    double head[PHASES][FLOWERS], leaf[PHASES]; /* ways of blossom and leaf tip from the rest shape, m */
     double balance[PHASES];             /* of the mapped one: unbalanced part of weight + push + reaction, share */
     double home;                        /* rms distance to the shape under gravity in the end, spacings */
     studio_image sheet;
 } flower;
 
-static const float apart[FLOWERS] = {0, 0.95f};     /* where they stand, m */
+static const float apart[FLOWERS] = {0, 1.2f};      /* where they stand, m */
 
 /* ---- the flower ---- */
 
@@ -254,12 +255,12 @@ static int add_arrow(const flower *s, studio_scene *scene, int phase) {
 
 static void look_at(studio_camera *camera, studio_scene *scene, int both) {
     float target[3];
-    studio_set(target, both ? 0.5f * apart[PLAIN] : 0, 0, 0.46f);
+    studio_set(target, both ? 0.46f * apart[PLAIN] : 0, 0, 0.50f);
     scene->look.height = -0.26f;
     studio_set(scene->look.centre, target[0], 0, 0.3f);
     scene->look.radius = 1.3f;
     scene->look.cell = 0.25f;
-    studio_orbit(camera, target, 5.5f, both ? 14 : 20, 12, 17);
+    studio_orbit(camera, target, 5.5f, both ? 10 : 20, 12, 19);
 }
 
 static int draw(flower *s, int phase, studio_image *im) {
@@ -290,19 +291,20 @@ static int draw_moment(flower *s, int phase) {
 
 /* ---- checks ---- */
 
-/* Bounds.  Balance: statics, to a hundredth of the weight, which is where the solve's tolerance and the rest of the motion
- * end.  Stem: a beam
+/* Bounds.  Balance: statics, to a hundredth of the weight, which is where the solve's tolerance and the rest of
+ * the motion end.  Stem: a beam
  * ten times as stiff bends a tenth as far while bending is small; the weak one's is not small, and the blossom's own
- * bending is the same in both, so an eighth is asked.  Leaf: the push bends it on at least as far as a spacing and leaves the blossom where it was, to
- * a tenth of that.  Home: an elastic body goes back to where it was, to a tenth of a spacing. */
+ * bending is the same in both, so an eighth is asked.  Leaf: the push bends it on at least as far as a spacing and
+ * leaves the blossom where it was, to a tenth of that.  Home: an elastic body goes back to where it was, to a
+ * tenth of a spacing. */
 static void check(const flower *s) {
     double weight = s->measure[MAPPED].mass * (double)gravity;
     printf("%d particles in each of %d flowers, mass %.2f kg\n", s->count, (int)FLOWERS, s->measure[MAPPED].mass);
     studio_check("forces left at rest under gravity", s->balance[0], "weights", 0, 0.01);
     studio_check("forces left at rest, pushed on the stem", s->balance[1], "weights", 0, 0.01);
     studio_check("forces left at rest, pushed on the leaf", s->balance[2], "weights", 0, 0.01);
-    studio_check("way of the blossom under gravity over that of the weak stem", s->head[0][MAPPED] / s->head[0][PLAIN], "", 0,
-                 0.125);
+    studio_check("way of the blossom under gravity over that of the weak stem",
+                 s->head[0][MAPPED] / s->head[0][PLAIN], "", 0, 0.125);
     studio_check("way of the blossom under the stem's push", s->head[1][MAPPED], "m", 0.05, 0.8);
     studio_check("way of the leaf's tip under its push", (s->leaf[2] - s->leaf[0]) / (double)s->spacing, "spacings", 1,
                  HUGE_VAL);

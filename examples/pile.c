@@ -183,7 +183,8 @@ static int observe(pile *s) {
     return 0;
 }
 
-/* What the frame bears: minus the upward sum of the inner forces on the fixed points; and the weight of what is free. */
+/* What the frame bears: minus the upward sum of the inner forces on the fixed points; and the weight of what is
+ * free. */
 static int weigh(pile *s) {
     const int n = s->cloth.nx * s->cloth.ny;
     float *f = (float *)studio_alloc(3 * (size_t)n, sizeof(float));
@@ -251,10 +252,10 @@ static int draw_moment(pile *s, int k) {
 
 /* ---- checks ---- */
 
-/* Bounds.  Overlap: two bodies touch at the sum of their half spacings; half a spacing is where a particle's centre comes
- * to the other's surface.  Energy: contact and friction take, they do not give; rounding and the tolerance may a
- * thousandth.  The frame's load: equilibrium, to the hundredth of a spacing at which the solve stops, which at this
- * cloth is about a hundredth of the load. */
+/* Bounds.  Overlap: two bodies touch at the sum of their half spacings; half a spacing is where a particle's
+ * centre comes to the other's surface.  Energy: contact and friction take, they do not give; rounding and the
+ * tolerance may a thousandth.  The frame's load: equilibrium, to the hundredth of a spacing at which the solve
+ * stops, which at this cloth is about a hundredth of the load. */
 static void check(pile *s) {
     double size = s->measure.mass * (double)gravity * 0.5;
     int k, n = 0;

@@ -1,11 +1,12 @@
 /* rod.c - a rubber cord is wound up between two clamps until it coils upon itself.
  *
  * Answers PP figure 6 (a rod twists only with ghost particles around its line); PP = He et al. 2017, "Projective
- * Peridynamics for Modeling Versatile Elastoplastic Materials".  Shows rods (peri_sample_line, PERI_FORM_ROD), sections
- * turned by a script (peri_rod_turn), their moments (peri_rod_moment) and a body that touches itself.  First the clamps
- * stay apart: the cord stays straight below Greenhill's angle and its torque is that of a round shaft.  Then it is wound
- * on while the clamps come together: it leaves the line, loops, and winds around itself.  The linking number is the proof
- * that no strand passed another: twist + writhe = turns of the clamp (Calugareanu, White, Fuller).
+ * Peridynamics for Modeling Versatile Elastoplastic Materials".  Shows rods (peri_sample_line, PERI_FORM_ROD),
+ * sections turned by a script (peri_rod_turn), their moments (peri_rod_moment) and a body that touches itself. 
+ * First the clamps stay apart: the cord stays straight below Greenhill's angle and its torque is that of a round
+ * shaft.  Then it is wound on while the clamps come together: it leaves the line, loops, and winds around itself. 
+ * The linking number is the proof that no strand passed another: twist + writhe = turns of the clamp
+ * (Calugareanu, White, Fuller).
  *
  *     cc -O2 examples/rod.c -lm -o rod && ./rod
  *
@@ -67,7 +68,8 @@ static int make_points(rod *s) {
     s->mark = (float *)studio_alloc(3 * (size_t)(wanted + 2), sizeof(float));
     s->gradient = (float *)studio_alloc(9 * (size_t)(wanted + 2), sizeof(float));
     if (!s->points || !s->mark || !s->gradient) return -1;
-    if (peri_sample_line(line, VERTICES, 0, length / (float)(wanted - 1), s->points, wanted + 2, &s->count, &s->step, &err))
+    if (peri_sample_line(line, VERTICES, 0, length / (float)(wanted - 1), s->points, wanted + 2, &s->count, &s->step,
+                         &err))
         return studio_error("%s", err.text);
     s->diameter = 0.99f * s->step;
     return 0;
@@ -113,8 +115,8 @@ static double exact_slope(const rod *s) {
     return (double)s->young / (1 + (double)poisson) * inertia / (double)length * STUDIO_PI / 180;
 }
 
-/* Angle and closing at a share of the way: up to 0.8 of Greenhill's angle with the clamps apart, then on while they close,
- * then a rest. */
+/* Angle and closing at a share of the way: up to 0.8 of Greenhill's angle with the clamps apart, then on while
+ * they close, then a rest. */
 static double angle_at(double share) {
     double straight = 0.8 * greenhill(), turn = studio_number("--turn", 2520);
     if (share < 0.3) return straight * share / 0.3;
@@ -158,8 +160,8 @@ static void across(const float *a, float *v) {
     studio_unit(v);
 }
 
-/* Turns of the marks about the line: each piece of the line carries the mean of its ends' marks to the next one without
- * twist; beyond the clamps the line goes on along x. */
+/* Turns of the marks about the line: each piece of the line carries the mean of its ends' marks to the next one
+ * without twist; beyond the clamps the line goes on along x. */
 static double twist_of(const rod *s) {
     const float *x = peri_body_positions(s->world, s->body);
     float last[3] = {1, 0, 0}, mark[3], carried[3], side[3], along[3], next[3];
@@ -269,7 +271,8 @@ static int observe(rod *s) {
 /* ---- pictures ---- */
 
 static int draw(rod *s, studio_image *im) {
-    static const float cord[3] = {0.25f, 0.42f, 0.66f}, stripe[3] = {0.95f, 0.78f, 0.35f}, steel[3] = {0.5f, 0.5f, 0.53f};
+    static const float cord[3] = {0.25f, 0.42f, 0.66f}, stripe[3] = {0.95f, 0.78f, 0.35f};
+    static const float steel[3] = {0.5f, 0.5f, 0.53f};
     enum { FINE = 6 };
     const float *x = peri_body_positions(s->world, s->body);
     const int n = studio_grid_side(s->count, FINE);
@@ -316,11 +319,13 @@ static int draw_moment(rod *s, int k) {
 
 /* Bounds.  The shaft: what a section may miss of its stiffness, a twentieth.  Straight: at 0.8 of
  * Greenhill's moment the bend of a thousandth of the length has grown by less than 1/(1 - 0.8) = 5.
- * Overlap: half a spacing is where a strand's line comes to the other's surface.  Linking: a strand that passes another
- * changes it by 2 turns; marks that are means over a piece, and a line that goes on for 100 m, cost hundredths. */
+ * Overlap: half a spacing is where a strand's line comes to the other's surface.  Linking: a strand that passes
+ * another changes it by 2 turns; marks that are means over a piece, and a line that goes on for 100 m, cost
+ * hundredths. */
 static void check(const rod *s) {
     printf("%d points, diameter %.4f m; Greenhill's angle %.0f degrees\n", s->count, (double)s->diameter, greenhill());
-    studio_check("torque of the straight cord over the exact one", s->moment / s->turned / exact_slope(s), "", 0.95, 1.05);
+    studio_check("torque of the straight cord over the exact one", s->moment / s->turned / exact_slope(s), "", 0.95,
+                 1.05);
     studio_check("farthest from the line below Greenhill's angle", s->straight * (double)s->diameter, "m", 0,
                  5e-3 * (double)length);
     studio_check("farthest from the line in the end", s->bent, "diameters", 3, HUGE_VAL);

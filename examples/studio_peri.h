@@ -233,8 +233,8 @@ STUDIO_API void studio_cloth_hold(studio_cloth *c, int rows) {
 }
 
 /* Adds the cloth as it is now; colours: 3 per point, or NULL. */
-STUDIO_API int studio_cloth_draw(const studio_cloth *c, const peri_world *world, studio_scene *scene, const float rgb[3],
-                                 const float *colours, const float back[3]) {
+STUDIO_API int studio_cloth_draw(const studio_cloth *c, const peri_world *world, studio_scene *scene,
+                                 const float rgb[3], const float *colours, const float back[3]) {
     enum { FINE = 2 };
     studio_mesh m;
     float *fine = NULL;

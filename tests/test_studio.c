@@ -736,9 +736,9 @@ static const unsigned char *pixel(const studio_image *im, int x, int y) {
     return im->rgb + 3 * ((size_t)y * (size_t)im->width + (size_t)x);
 }
 
-/* A ball far away covers the disc that it should: its area to a row of pixels around it, no holes in a line of it, both
- * its sides at the same distance from the middle to one pixel.  Over (c/r)^2 = 1e6 the rounding of h^2 - d^2 c^2 in float
- * is a part of r^2 itself. */
+/* A ball far away covers the disc that it should: its area to a row of pixels around it, no holes in a line of it,
+ * both its sides at the same distance from the middle to one pixel.  Over (c/r)^2 = 1e6 the rounding of h^2 - d^2
+ * c^2 in float is a part of r^2 itself. */
 static void distant_balls_are_round(void) {
     const float centre[3] = {0.0f, 0.0f, 0.0f}, red[3] = {0.9f, 0.1f, 0.1f}, radius[2] = {4.0f, 0.5f};
     studio_image im;
@@ -855,11 +855,12 @@ static void surfaces_of_distances(void) {
     studio_state()->mute = 0;
 }
 
-/* Carried around a closed plane curve a direction comes back to itself; along a tube of 12 sides the volume is that of
- * the prism, and the first vertex stands at the mark. */
+/* Carried around a closed plane curve a direction comes back to itself; along a tube of 12 sides the volume is
+ * that of the prism, and the first vertex stands at the mark. */
 static void tubes_and_marks(void) {
     enum { N = 40, SIDES = 12 };
-    float a[3] = {1, 0, 0}, b[3], v[3] = {0, 0.6f, 0.8f}, points[9] = {0, 0, 0, 0, 0, 0.5f, 0, 0, 1}, mark[9] = {0, 0, 0};
+    float a[3] = {1, 0, 0}, b[3], v[3] = {0, 0.6f, 0.8f}, mark[9] = {0, 0, 0};
+    float points[9] = {0, 0, 0, 0, 0, 0.5f, 0, 0, 1};
     const double prism = SIDES * 0.5 * 0.2 * 0.2 * sin(2.0 * STUDIO_PI / SIDES);
     studio_mesh m;
     int i;
@@ -883,8 +884,8 @@ static void tubes_and_marks(void) {
     studio_mesh_free(&m);
 }
 
-/* A sheet shows one colour from above and another from below, and its own shadow does not fall on it in slanting light:
- * of the 25 texels that make the soft border at most one corner's worth may be missed. */
+/* A sheet shows one colour from above and another from below, and its own shadow does not fall on it in slanting
+ * light: of the 25 texels that make the soft border at most one corner's worth may be missed. */
 static void sheets_have_two_sides(void) {
     const float target[3] = {0, 0, 0}, white[3] = {0.9f, 0.9f, 0.9f}, blue[3] = {0.2f, 0.2f, 1.0f};
     float points[3 * 25];
