@@ -4097,7 +4097,7 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
         b->pinned[i] = 0;
         at = (size_t)b->first + i;
         w->flags[at] = flags[i];
-        if (flags[i] & PERI__SURFACE && (int)i < peri__real_count(b)) b->surface[b->surface_count++] = (int)i;
+        if ((flags[i] & PERI__SURFACE || b->stations) && (int)i < peri__real_count(b)) b->surface[b->surface_count++] = (int)i;
         if (d->fixed && d->fixed[i]) w->flags[at] |= PERI__FIXED, b->fixed++;
         b->singular += (flags[i] & PERI__SINGULAR) != 0;
         w->mode[at] = flags[i] & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
@@ -6495,6 +6495,21 @@ static int peri__stiffen(peri__solve *s) {
     return found;
 }
 
+/* Did the last correction, which is made without a look at what it does, throw particles away? */
+static int peri__far(const peri__solve *s) {
+    const peri__body *b;
+    for (b = peri__first(s); b; b = peri__next(s, b)) {
+        double size = b->spacing * (10 + (double)b->count), reach = 0;
+        size_t k;
+        for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++) {
+            double off = fabs(s->w->x[k] - s->w->star[k]);
+            if (!(off <= reach)) reach = off;
+        }
+        if (!(reach < 1e3 * size)) return 1;
+    }
+    return 0;
+}
+
 /* Solves an island; x holds the first guess and then the answer. */
 static peri_result peri__solve_island(peri_world *w, const peri__island *island) {
     peri__solve s;
@@ -6519,6 +6534,10 @@ static peri_result peri__solve_island(peri_world *w, const peri__island *island)
     if (bad) return bad;
     for (b = peri__first(&s); b; b = peri__next(&s, b))
         if (!b->stale) b->usual = iterations;
+    if (peri__far(&s))
+        return peri__fail(&w->error, PERI_ERROR_CONVERGENCE,
+                          "body %d or what it touches went a thousand times its size in one step: take a smaller step",
+                          s.island.first);
     residual = sqrt(peri_dot(&w->def.parallel, s.n, s.g, s.g) / island->count);
     if (iterations > w->stats.iterations) w->stats.iterations = iterations;
     if (s.evaluations > w->stats.evaluations) w->stats.evaluations = s.evaluations;

@@ -133,7 +133,7 @@ int main(int argc, char **argv) {
     char path[STUDIO_PATH];
     int bad;
     if (studio_begin(&app, argc, argv, &s.options)) return studio_exit_code();
-    if (s.options.check) s.options.frames = 400;
+    if (s.options.check) s.options.frames = 600;
     studio_plot_begin(&s.plot, "Torque of the twisted rod", "angle, rad", "torque, N m");
     studio_plot_series(&s.plot, "rod", STUDIO_LINE, NULL);
     studio_plot_series(&s.plot, "G J / L", STUDIO_DASHED, NULL);

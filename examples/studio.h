@@ -16,12 +16,12 @@
  *    2  Files             folders, opening, whole-file reading, the list of written files
  *    3  Command line      studio_begin, studio_extra, studio_exit_code
  *    4  Progress, checks  studio_progress, studio_check, studio_end
- *    5  Meshes            OBJ and PLY reading, normals, fitting
+ *    5  Meshes            OBJ and PLY reading, normals, fitting, lattices as surfaces, surfaces of distances
  *    6  Data output       PLY points and meshes, CSV
  *    7  Images, drawing   pixels, anti-aliased strokes, text, colour map, colour bar
  *    8  PNG               own deflate
  *    9  GIF               own palette and LZW
- *   10  Scene, renderer   triangles, balls, lines, shadows, ground
+ *   10  Scene, renderer   triangles, two-sided sheets, tubes, balls, lines, shadows, ground
  *   11  Plots             line charts
  *
  * License: MIT.
@@ -638,6 +638,123 @@ STUDIO_API void studio_mesh_fit(studio_mesh *m, const float centre[3], float siz
         }
 }
 
+/* ---- lattices drawn as surfaces */
+
+/* Weights of the four points -1, 0, 1, 2 at t in 0..1 (Catmull and Rom): smooth, and through the points. */
+STUDIO_API void studio_spline(float t, float w[4]) {
+    w[0] = t * (-0.5f + t * (1.0f - 0.5f * t));
+    w[1] = 1.0f + t * t * (-2.5f + 1.5f * t);
+    w[2] = t * (0.5f + t * (2.0f - 1.5f * t));
+    w[3] = t * t * (-0.5f + 0.5f * t);
+}
+
+/* Point i of a row (`step` floats apart), or beyond its ends where the last two points lead. */
+STUDIO_API float studio_beyond(const float *row, int n, size_t step, int i) {
+    const float *e;
+    if (n == 1) return row[0];
+    if (i >= 0 && i < n) return row[step * (size_t)i];
+    e = i < 0 ? row : row + step * (size_t)(n - 1);
+    if (i < 0) return e[0] - (float)i * (e[0] - e[step]);
+    return e[0] + (float)(i - n + 1) * (e[0] - *(e - step));
+}
+
+/* Vertices per row of points when each is `fine` cells wide: the surface reaches half a spacing over the border. */
+STUDIO_API int studio_grid_side(int n, int fine) { return n * fine + 1; }
+
+/* Values (`dims` floats each: positions, colours) of a lattice of nx * ny points, x running fastest, at the vertices of
+ * its surface, out: dims * studio_grid_side(nx) * studio_grid_side(ny) floats, x running fastest. */
+STUDIO_API int studio_grid_values(const float *points, int dims, int nx, int ny, int fine, float *out) {
+    int vx = studio_grid_side(nx, fine), vy = studio_grid_side(ny, fine), i, j, k, a;
+    float *rows = (float *)studio_alloc((size_t)vx * (size_t)ny * (size_t)dims, sizeof(float));
+    if (!rows) return -1;
+    for (i = 0; i < vx; ++i) { /* along x, into rows */
+        float u = ((float)i / (float)fine) - 0.5f, w[4];
+        int cell = (int)floorf(u);
+        studio_spline(u - (float)cell, w);
+        for (j = 0; j < ny; ++j)
+            for (k = 0; k < dims; ++k) {
+                const float *row = points + (size_t)dims * (size_t)nx * (size_t)j + (size_t)k;
+                float sum = 0.0f;
+                for (a = 0; a < 4; ++a) sum += w[a] * studio_beyond(row, nx, (size_t)dims, cell - 1 + a);
+                rows[(size_t)dims * ((size_t)j * (size_t)vx + (size_t)i) + (size_t)k] = sum;
+            }
+    }
+    for (j = 0; j < vy; ++j) {
+        float u = ((float)j / (float)fine) - 0.5f, w[4];
+        int cell = (int)floorf(u);
+        studio_spline(u - (float)cell, w);
+        for (i = 0; i < dims * vx; ++i) {
+            float sum = 0.0f;
+            for (a = 0; a < 4; ++a)
+                sum += w[a] * studio_beyond(rows + i, ny, (size_t)dims * (size_t)vx, cell - 1 + a);
+            out[(size_t)dims * (size_t)vx * (size_t)j + (size_t)i] = sum;
+        }
+    }
+    free(rows);
+    return 0;
+}
+
+/* The surface of a lattice of nx * ny points, as a mesh with normals; `fine` cells between two points.
+ * Counter-clockwise seen from +z when x and y of the lattice run as in the world. */
+STUDIO_API int studio_mesh_grid(studio_mesh *m, const float *points, int nx, int ny, int fine) {
+    int vx = studio_grid_side(nx, fine), vy = studio_grid_side(ny, fine), i, j, *t;
+    memset(m, 0, sizeof *m);
+    if (nx < 2 || ny < 2 || fine < 1) return studio_error("a surface needs 2 x 2 points, not %d x %d", nx, ny);
+    m->vertices = vx * vy;
+    m->triangles = 2 * (vx - 1) * (vy - 1);
+    m->v = (float *)studio_alloc(3 * (size_t)m->vertices, sizeof(float));
+    m->t = t = (int *)studio_alloc(3 * (size_t)m->triangles, sizeof(int));
+    if (!m->v || !t || studio_grid_values(points, 3, nx, ny, fine, m->v)) return studio_mesh_free(m), -1;
+    for (j = 0; j < vy - 1; ++j)
+        for (i = 0; i < vx - 1; ++i, t += 6) { /* diagonals alternate, so that folds have no grain */
+            int a = j * vx + i, b = a + 1, c = a + vx, d = c + 1, odd = (i + j) & 1;
+            t[0] = a;
+            t[1] = b;
+            t[2] = odd ? c : d;
+            t[3] = odd ? b : a;
+            t[4] = d;
+            t[5] = c;
+        }
+    return studio_mesh_normals(m);
+}
+
+/* ---- surfaces of signed distances */
+
+/* A solid: negative inside, about the distance near the surface. */
+typedef float studio_field(const float p[3], void *context);
+
+/* A box of cells around a solid. */
+typedef struct studio_net {
+    studio_field *field;
+    void *context;
+    float lo[3], cell;
+    int n[3];       /* corners along x, y, z */
+    float *value;   /* of the corners */
+    int *vertex;    /* of the cells, by their lowest corner; -1: none */
+} studio_net;
+
+STUDIO_API size_t studio_net_at(const studio_net *net, int x, int y, int z) {
+    return (size_t)x + (size_t)net->n[0] * ((size_t)y + (size_t)net->n[1] * (size_t)z);
+}
+
+/* Pulls p onto the surface, by less than a cell. */
+STUDIO_API void studio_net_pull(const studio_net *net, float *p) {
+    int pass, k;
+    for (pass = 0; pass < 3; ++pass) {
+        float f = net->field(p, net->context), g[3], q[3], gg, e = 0.05f * net->cell;
+        for (k = 0; k < 3; ++k) {
+            memcpy(q, p, sizeof q);
+            q[k] += e;
+            g[k] = net->field(q, net->context);
+            q[k] -= 2.0f * e;
+            g[k] = (g[k] - net->field(q, net->context)) / (2.0f * e);
+        }
+        gg = studio_dot(g, g);
+        if (!(gg > 1e-6f)) return;
+        studio_along(p, studio_clamp(-f / gg, -0.5f * net->cell, 0.5f * net->cell), g, p);
+    }
+}
+
 /* A mesh that is being read: growing arrays and the place in the text for messages. */
 typedef struct studio_builder {
     const char *path;
@@ -663,6 +780,110 @@ STUDIO_API int studio_add_triangle(studio_builder *b, int i, int j, int k) {
     t[1] = j;
     t[2] = k;
     return 0;
+}
+
+/* The vertex of a cell: the middle of where the surface cuts its edges, pulled onto the surface. */
+STUDIO_API int studio_net_vertex(const studio_net *net, int x, int y, int z, studio_builder *b) {
+    float p[3] = {0, 0, 0}, sum[3] = {0, 0, 0};
+    int a, k, cuts = 0;
+    for (a = 0; a < 8; ++a)
+        for (k = 0; k < 3; ++k) {
+            int c = a | 1 << k;
+            float f, g, t;
+            if (a >> k & 1) continue;
+            f = net->value[studio_net_at(net, x + (a & 1), y + (a >> 1 & 1), z + (a >> 2))];
+            g = net->value[studio_net_at(net, x + (c & 1), y + (c >> 1 & 1), z + (c >> 2))];
+            if ((f < 0.0f) == (g < 0.0f)) continue;
+            t = f / (f - g);
+            studio_set(p, (float)(a & 1), (float)(a >> 1 & 1), (float)(a >> 2));
+            p[k] += t;
+            studio_along(sum, 1.0f, p, sum);
+            ++cuts;
+        }
+    if (!cuts) return 0;
+    studio_set(p, (float)x, (float)y, (float)z);
+    studio_along(p, 1.0f / (float)cuts, sum, p);
+    studio_along(net->lo, net->cell, p, p);
+    studio_net_pull(net, p);
+    net->vertex[studio_net_at(net, x, y, z)] = (int)b->vertices;
+    return studio_add_vertex(b, p);
+}
+
+/* The quad around the edge from corner x, y, z along axis k, when the surface cuts it. */
+STUDIO_API int studio_net_quad(const studio_net *net, int x, int y, int z, int k, studio_builder *b) {
+    int at[3], u = (k + 1) % 3, v = (k + 2) % 3, c[4], i;
+    float f = net->value[studio_net_at(net, x, y, z)], g;
+    at[0] = x;
+    at[1] = y;
+    at[2] = z;
+    if (at[u] == 0 || at[v] == 0 || at[k] >= net->n[k] - 1) return 0;
+    ++at[k];
+    g = net->value[studio_net_at(net, at[0], at[1], at[2])];
+    --at[k];
+    if ((f < 0.0f) == (g < 0.0f)) return 0;
+    for (i = 0; i < 4; ++i) { /* counter-clockwise seen from the end of the axis */
+        int q[3];
+        memcpy(q, at, sizeof q);
+        q[u] -= i == 0 || i == 3;
+        q[v] -= i < 2;
+        c[i] = net->vertex[studio_net_at(net, q[0], q[1], q[2])];
+    }
+    if (f >= 0.0f) i = c[1], c[1] = c[3], c[3] = i;
+    return studio_add_triangle(b, c[0], c[1], c[2]) || studio_add_triangle(b, c[0], c[2], c[3]);
+}
+
+/* The surface of a solid inside the box lo .. hi as a closed mesh with normals: one vertex in every cell of side `cell`
+ * that the surface passes, one quad around every edge that it cuts.  Parts thinner than a cell are lost. */
+STUDIO_API int studio_mesh_surface(studio_mesh *m, studio_field *field, void *context, const float lo[3],
+                                   const float hi[3], float cell) {
+    studio_net net;
+    studio_builder b;
+    float p[3];
+    size_t count = 1, i;
+    int x, y, z, k, bad = 0;
+    memset(m, 0, sizeof *m);
+    memset(&b, 0, sizeof b);
+    b.path = "surface";
+    net.field = field;
+    net.context = context;
+    net.cell = cell;
+    for (k = 0; k < 3; ++k) {
+        float cells = (hi[k] - lo[k]) / cell;
+        if (!(cells > 0.0f) || cells > 1000.0f)
+            return studio_error("a surface of %g cells is not possible", (double)cells);
+        net.n[k] = (int)cells + 4; /* an empty layer all around closes the mesh */
+        net.lo[k] = 0.5f * (lo[k] + hi[k] - cell * (float)(net.n[k] - 1));
+        count *= (size_t)net.n[k];
+    }
+    net.value = (float *)studio_alloc(count, sizeof(float));
+    net.vertex = (int *)studio_alloc(count, sizeof(int));
+    bad = !net.value || !net.vertex;
+    for (i = 0; i < count && !bad; ++i) {
+        x = (int)(i % (size_t)net.n[0]);
+        y = (int)(i / (size_t)net.n[0] % (size_t)net.n[1]);
+        z = (int)(i / (size_t)net.n[0] / (size_t)net.n[1]);
+        studio_set(p, (float)x, (float)y, (float)z);
+        studio_along(net.lo, cell, p, p);
+        net.value[i] = field(p, context);
+        net.vertex[i] = -1;
+    }
+    for (z = 0; z < net.n[2] - 1 && !bad; ++z)
+        for (y = 0; y < net.n[1] - 1 && !bad; ++y)
+            for (x = 0; x < net.n[0] - 1 && !bad; ++x) bad = studio_net_vertex(&net, x, y, z, &b);
+    for (z = 0; z < net.n[2] - 1 && !bad; ++z)
+        for (y = 0; y < net.n[1] - 1 && !bad; ++y)
+            for (x = 0; x < net.n[0] - 1 && !bad; ++x)
+                for (k = 0; k < 3 && !bad; ++k) bad = studio_net_quad(&net, x, y, z, k, &b);
+    free(net.value);
+    free(net.vertex);
+    m->v = b.v;
+    m->t = b.t;
+    m->vertices = (int)b.vertices;
+    m->triangles = (int)b.triangles;
+    if (!bad && m->triangles == 0) bad = studio_error("there is no surface in the box");
+    bad = bad || studio_mesh_normals(m);
+    if (bad) studio_mesh_free(m);
+    return bad ? -1 : 0;
 }
 
 /* Reads three finite numbers from a line of text. */
@@ -1254,6 +1475,24 @@ STUDIO_API void studio_text(studio_image *im, float x, float y, float size, cons
     studio_text_at(im, x, y, size, rgb, 0.0f, 0, text);
 }
 
+/* Puts a panel with a caption into place `column`, `row` of a sheet of panels of this size. */
+STUDIO_API void studio_panel(studio_image *sheet, studio_image *panel, int column, int row, const char *caption) {
+    static const float ink[3] = {0.2f, 0.22f, 0.26f};
+    float size = studio_clamp((float)panel->height / 30.0f, 9.0f, 16.0f);
+    if (caption) studio_text(panel, 1.3f * size, 2.4f * size, size, ink, caption);
+    studio_image_paste(sheet, panel, column * panel->width, row * panel->height);
+}
+
+/* Colour number k of a row in which neighbours differ well: hues by the golden ratio, two lightnesses. */
+STUDIO_API void studio_distinct(int k, float rgb[3]) {
+    float hue = 0.06f + 0.618034f * (float)k, light = k % 2 ? 0.62f : 0.74f;
+    int c;
+    for (c = 0; c < 3; ++c) {
+        float h = hue + (float)c / 3.0f, t = fabsf(2.0f * (h - floorf(h)) - 1.0f); /* 0 .. 1 .. 0 around the circle */
+        rgb[c] = light * (0.36f + 0.64f * studio_smooth(0.25f, 0.8f, t));
+    }
+}
+
 /* The colour for t in 0..1: dark violet, blue, green, yellow, steadily lighter. */
 STUDIO_API void studio_colormap(float t, float rgb[3]) {
     static const float table[9][3] = {
@@ -1307,7 +1546,8 @@ STUDIO_API void studio_colorbar(studio_image *im, int x, int y, int w, int h, do
     }
     if (!title) return;
     right = (float)im->width - 0.5f * size - studio_text_width(title, size); /* stay inside the picture */
-    studio_text(im, fmaxf(fminf((float)x, right), 0.5f * size), (float)y - 0.9f * size, size, ink, title);
+    /* above the number of the topmost tick, which reaches half a letter over the bar */
+    studio_text(im, fmaxf(fminf((float)x, right), 0.5f * size), (float)y - 1.5f * size, size, ink, title);
 }
 
 /* ================================================================= 8  PNG ======================= */
@@ -1989,6 +2229,7 @@ typedef struct studio_look {
 
 typedef struct studio_triangle {
     float p[9], n[9], c[9]; /* corners, normals, linear colours */
+    float back[3];          /* linear: the colours times this are seen from behind; 1 1 1 for solids */
 } studio_triangle;
 
 typedef struct studio_ball {
@@ -2076,6 +2317,7 @@ STUDIO_API int studio_scene_mesh(studio_scene *s, const studio_mesh *m, const fl
         return -1;
     for (i = 0; i < m->triangles; ++i) {
         studio_triangle *t = s->triangle + s->triangles++;
+        studio_set(t->back, 1.0f, 1.0f, 1.0f);
         for (k = 0; k < 3; ++k) {
             size_t at = 3 * (size_t)m->t[3 * (size_t)i + (size_t)k];
             memcpy(t->p + 3 * k, m->v + at, sizeof flat);
@@ -2091,6 +2333,131 @@ STUDIO_API int studio_scene_mesh(studio_scene *s, const studio_mesh *m, const fl
         for (k = 0; k < 3; ++k) memcpy(t->n + 3 * k, n, sizeof n);
     }
     return 0;
+}
+
+/* Adds an open surface that shows two sides: as studio_scene_mesh, and from behind (where its triangles run
+ * clockwise) with its colours times `back`, channel by channel; NULL: darker by a third. */
+STUDIO_API int studio_scene_sheet(studio_scene *s, const studio_mesh *m, const float rgb[3], const float *colours,
+                                  const float back[3]) {
+    float dark[3] = {0.66f, 0.66f, 0.66f}, tint[3];
+    size_t i = s->triangles;
+    if (studio_scene_mesh(s, m, rgb, colours)) return -1;
+    studio_linear(back ? back : dark, tint);
+    for (; i < s->triangles; ++i) memcpy(s->triangle[i].back, tint, sizeof tint);
+    return 0;
+}
+
+/* Carries the vector v, kept at length 1, from one piece of a line to the next (unit directions a and b) without twist:
+ * by the smallest turn that takes a to b. */
+STUDIO_API void studio_carry(const float *a, const float *b, float *v) {
+    float axis[3], turn[3], c = studio_dot(a, b), rest;
+    studio_cross(a, b, axis);
+    studio_cross(axis, v, turn);
+    rest = studio_dot(axis, v) / fmaxf(1.0f + c, 1e-3f);
+    studio_set(v, c * v[0] + turn[0], c * v[1] + turn[1], c * v[2] + turn[2]);
+    studio_along(v, rest, axis, v);
+    studio_along(v, -studio_dot(b, v), b, v);
+    studio_unit(v);
+}
+
+/* The direction of a polyline at point i: along the pieces on both its sides. */
+STUDIO_API void studio_direction(const float *points, int count, int i, float *out) {
+    int a = i > 0 ? i - 1 : 0, b = i < count - 1 ? i + 1 : count - 1;
+    studio_along(points + 3 * (size_t)b, -1.0f, points + 3 * (size_t)a, out);
+    studio_unit(out);
+}
+
+/* A round tube along a polyline, with flat ends, as a mesh of `sides` quads around.  mark: 3 count, a direction across
+ * the tube at every point, or NULL for one that is carried along without twist.  Vertex i sides + k stands at angle
+ * 2 pi k / sides from the mark, so that colours by k make stripes which show the twist. */
+STUDIO_API int studio_mesh_tube(studio_mesh *m, const float *points, int count, float radius, const float *mark,
+                                int sides) {
+    float along[3], last[3] = {0, 0, 1}, across[3] = {1, 0, 0}, other[3];
+    int i, k, *t;
+    memset(m, 0, sizeof *m);
+    if (count < 2 || sides < 3) return studio_error("a tube needs 2 points and 3 sides, not %d and %d", count, sides);
+    m->vertices = count * sides + 2;
+    m->triangles = 2 * (count - 1) * sides + 2 * sides;
+    m->v = (float *)studio_alloc(3 * (size_t)m->vertices, sizeof(float));
+    m->t = t = (int *)studio_alloc(3 * (size_t)m->triangles, sizeof(int));
+    if (!m->v || !t) return studio_mesh_free(m), -1;
+    for (i = 0; i < count; ++i) {
+        studio_direction(points, count, i, along);
+        if (i == 0) studio_frame(along, across, other);
+        else studio_carry(last, along, across);
+        memcpy(last, along, sizeof last);
+        if (mark) {
+            memcpy(across, mark + 3 * (size_t)i, sizeof across);
+            studio_along(across, -studio_dot(across, along), along, across);
+            studio_unit(across);
+        }
+        studio_cross(along, across, other);
+        for (k = 0; k < sides; ++k) {
+            float a = 2.0f * (float)STUDIO_PI * (float)k / (float)sides;
+            float *v = m->v + 3 * ((size_t)i * (size_t)sides + (size_t)k);
+            studio_along(points + 3 * (size_t)i, radius * cosf(a), across, v);
+            studio_along(v, radius * sinf(a), other, v);
+        }
+    }
+    memcpy(m->v + 3 * ((size_t)m->vertices - 2), points, sizeof along);
+    memcpy(m->v + 3 * ((size_t)m->vertices - 1), points + 3 * ((size_t)count - 1), sizeof along);
+    for (i = 0; i < count - 1; ++i)
+        for (k = 0; k < sides; ++k, t += 6) {
+            int a = i * sides + k, b = i * sides + (k + 1) % sides;
+            t[0] = t[3] = a;
+            t[1] = b;
+            t[2] = t[4] = b + sides;
+            t[5] = a + sides;
+        }
+    for (k = 0; k < sides; ++k, t += 6) {
+        t[0] = m->vertices - 2;
+        t[1] = (k + 1) % sides;
+        t[2] = k;
+        t[3] = m->vertices - 1;
+        t[4] = (count - 1) * sides + k;
+        t[5] = (count - 1) * sides + (k + 1) % sides;
+    }
+    return 0;
+}
+
+/* Adds a tube along a polyline, with two stripes in another colour along the mark (see studio_mesh_tube) and opposite
+ * to it. */
+STUDIO_API int studio_scene_tube(studio_scene *s, const float *points, int count, float radius, const float *mark,
+                                 const float rgb[3], const float stripe[3]) {
+    enum { SIDES = 24 };
+    studio_mesh m;
+    float *colour;
+    int i, bad;
+    if (studio_mesh_tube(&m, points, count, radius, mark, SIDES)) return -1;
+    colour = (float *)studio_alloc(3 * (size_t)m.vertices, sizeof(float));
+    bad = !colour || studio_mesh_normals(&m);
+    for (i = 0; i < m.vertices && !bad; ++i) {
+        int k = i % SIDES % (SIDES / 2);
+        memcpy(colour + 3 * (size_t)i, i < m.vertices - 2 && (k <= 2 || k >= SIDES / 2 - 2) ? stripe : rgb,
+               3 * sizeof(float));
+    }
+    bad = bad || studio_scene_mesh(s, &m, NULL, colour);
+    free(colour);
+    studio_mesh_free(&m);
+    return bad ? -1 : 0;
+}
+
+/* Adds a solid box. */
+STUDIO_API int studio_scene_block(studio_scene *s, const float lo[3], const float hi[3], const float rgb[3]) {
+    /* corner c is at hi along x, y, z where its bits 1, 2, 4 are set; faces counter-clockwise from outside */
+    static const int face[36] = {0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5, 0, 1, 5, 0, 5, 4,
+                                 2, 6, 7, 2, 7, 3, 0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6};
+    float v[24];
+    int t[36], k;
+    studio_mesh m;
+    for (k = 0; k < 8; ++k) studio_set(v + 3 * k, k & 1 ? hi[0] : lo[0], k & 2 ? hi[1] : lo[1], k & 4 ? hi[2] : lo[2]);
+    memcpy(t, face, sizeof t);
+    m.vertices = 8;
+    m.triangles = 12;
+    m.v = v;
+    m.n = NULL;
+    m.t = t;
+    return studio_scene_mesh(s, &m, rgb, NULL);
 }
 
 /* Adds a shaded ball. */
@@ -2224,7 +2591,8 @@ STUDIO_API void studio_ball_range(float x, float z, float r, float *lo, float *h
 /* Draws a ball into the view: every sample is an exact ray-ball hit.  Balls around or behind the eye are left
  * out. */
 STUDIO_API void studio_view_ball(studio_scene *s, const studio_ball *b, int id) {
-    float c[3], x0, x1, y0, y1, cc, mx = 0.5f * (float)s->view.width, my = 0.5f * (float)s->view.height;
+    float c[3], x0, x1, y0, y1, cc, rr = b->r * b->r, mx = 0.5f * (float)s->view.width;
+    float my = 0.5f * (float)s->view.height;
     int x, y, left, right, top, low;
     studio_to_view(s, b->p, c);
     if (!(c[2] - b->r > s->nearest) || !(b->r > 0.0f)) return;
@@ -2234,12 +2602,14 @@ STUDIO_API void studio_view_ball(studio_scene *s, const studio_ball *b, int id) 
     right = (int)studio_clamp(mx + s->zoom * x1 + 0.5f, -1.0f, 2.0f * mx - 1.0f);
     top = (int)studio_clamp(my + s->zoom * y0 - 0.5f, 0.0f, 2.0f * my);
     low = (int)studio_clamp(my + s->zoom * y1 + 0.5f, -1.0f, 2.0f * my - 1.0f);
-    cc = studio_dot(c, c) - b->r * b->r;
+    cc = studio_dot(c, c) - rr;
     for (y = top; y <= low; ++y) {
         float dy = ((float)y + 0.5f - my) / s->zoom, e = c[1] * dy + c[2], dd = dy * dy + 1.0f;
-        size_t row = (size_t)y * (size_t)s->view.width;
+        float ox = c[1] - c[2] * dy; /* components of c x ray: the distance from the axis, without h^2 - d^2 c^2, */
+        size_t row = (size_t)y * (size_t)s->view.width; /* whose rounding would be larger than a distant ball */
         for (x = left; x <= right; ++x) {
-            float dx = ((float)x + 0.5f - mx) / s->zoom, h = c[0] * dx + e, root = h * h - (dd + dx * dx) * cc, k;
+            float dx = ((float)x + 0.5f - mx) / s->zoom, h = c[0] * dx + e, oy = c[2] * dx - c[0];
+            float oz = c[0] * dy - c[1] * dx, root = (dd + dx * dx) * rr - ox * ox - oy * oy - oz * oz, k;
             if (root < 0.0f) continue;
             k = (h + sqrtf(root)) / cc; /* 1 / depth of the near hit */
             if (k <= s->view.key[row + (size_t)x]) continue;
@@ -2501,7 +2871,7 @@ STUDIO_API float studio_hit_triangle(const studio_scene *s, const studio_triangl
     for (k = 0; k < 3; ++k) {
         p[k] = w * t->p[k] + u * t->p[3 + k] + v * t->p[6 + k];
         n[k] = w * t->n[k] + u * t->n[3 + k] + v * t->n[6 + k];
-        c[k] = w * t->c[k] + u * t->c[3 + k] + v * t->c[6 + k];
+        c[k] = (w * t->c[k] + u * t->c[3 + k] + v * t->c[6 + k]) * (slope > 0.0f ? t->back[k] : 1.0f);
     }
     studio_unit(n);
     if (slope > 0.0f) studio_set(n, -n[0], -n[1], -n[2]);
@@ -2511,15 +2881,16 @@ STUDIO_API float studio_hit_triangle(const studio_scene *s, const studio_triangl
 /* The same for a ball; a ray that just misses takes the nearest point of the rim. */
 STUDIO_API float studio_hit_ball(const studio_scene *s, const studio_ball *b, const float *d, float *p, float *n,
                                  float *c) {
-    float o[3], h, dist;
+    float o[3], q[3], h, depth;
     studio_along(b->p, -1.0f, s->eye, o);
     h = studio_dot(o, d);
-    dist = h - sqrtf(fmaxf(h * h - studio_dot(o, o) + b->r * b->r, 0.0f));
-    studio_along(s->eye, dist, d, p);
-    studio_along(p, -1.0f, b->p, n);
+    studio_along(o, -h, d, q); /* from the ray to the centre */
+    depth = sqrtf(fmaxf(b->r * b->r - studio_dot(q, q), 0.0f));
+    studio_set(n, -q[0] - depth * d[0], -q[1] - depth * d[1], -q[2] - depth * d[2]);
     studio_unit(n);
+    studio_along(b->p, b->r, n, p);
     memcpy(c, b->c, sizeof b->c);
-    return dist;
+    return h - depth;
 }
 
 /* The linear light seen at view position (x, y) in samples, where primitive id covers it. */

@@ -16,6 +16,11 @@
  *    studio_failed      the last error of a world as a studio_error
  *    studio_stand       a world on stage: bodies as balls, sheets, rods or skins, and a sheet of moments
  *    studio_body        the lattice of a shape as a body
+ *    studio_fill_shape  samples a shape into fresh memory
+ *    studio_solid       a solid by its signed distance: shape to sample, mesh to draw
+ *    studio_step_world  a step, with the worst of the run
+ *    studio_cloth       a sheet's lattice: hold, draw, which side of it a body is on
+ *    studio_thing       a body with a skin in one colour: make, add to a scene, free
  *
  * License: MIT.
  */
@@ -254,6 +259,233 @@ STUDIO_API peri_body_id studio_body(peri_world *w, const peri_shape *shape, peri
     d->points = NULL;
     if (!id.index1) studio_failed(w);
     return id;
+}
+
+/* ---- bodies with skins ---- */
+
+/* Samples a shape: *points is fresh memory of 3 *count floats, to be freed. */
+STUDIO_API int studio_fill_shape(const peri_shape *shape, float spacing, float **points, int *count) {
+    peri_error err;
+    *points = NULL;
+    if (peri_sample(shape, spacing, NULL, 0, count, &err)) return studio_error("%s", err.text);
+    if (*count == 0) return studio_error("no particle fits into the shape: take a smaller spacing");
+    *points = (float *)studio_alloc(3 * (size_t)*count, sizeof(float));
+    if (!*points) return -1;
+    if (peri_sample(shape, spacing, *points, *count, count, &err)) return studio_error("%s", err.text);
+    return 0;
+}
+
+/* A solid in units of its own, and its size in the world. */
+typedef struct studio_solid {
+    studio_field *field;
+    void *context;
+    float lo[3], hi[3];
+    float size;         /* metres of one unit */
+} studio_solid;
+
+STUDIO_API float studio_solid_field(const float p[3], void *context) {
+    const studio_solid *s = (const studio_solid *)context;
+    float q[3];
+    studio_set(q, p[0] / s->size, p[1] / s->size, p[2] / s->size);
+    return s->size * s->field(q, s->context);
+}
+
+STUDIO_API peri_real studio_solid_distance(peri_vec3 p, peri_vec3 *gradient, void *context) {
+    float x[3], g[3];
+    const float e = 1e-3f * ((const studio_solid *)context)->size;
+    int k;
+    studio_set(x, (float)p.x, (float)p.y, (float)p.z);
+    for (k = 0; k < 3 && gradient; k++) {
+        float q[3];
+        memcpy(q, x, sizeof q);
+        q[k] += e;
+        g[k] = studio_solid_field(q, context);
+        q[k] -= 2 * e;
+        g[k] -= studio_solid_field(q, context);
+    }
+    if (gradient) {
+        studio_unit(g);
+        gradient->x = (peri_real)g[0];
+        gradient->y = (peri_real)g[1];
+        gradient->z = (peri_real)g[2];
+    }
+    return (peri_real)studio_solid_field(x, context);
+}
+
+/* The shape of a solid, which must outlive it. */
+STUDIO_API peri_shape studio_solid_shape(studio_solid *s) {
+    peri_vec3 lo, hi;
+    lo.x = (peri_real)(s->lo[0] * s->size);
+    lo.y = (peri_real)(s->lo[1] * s->size);
+    lo.z = (peri_real)(s->lo[2] * s->size);
+    hi.x = (peri_real)(s->hi[0] * s->size);
+    hi.y = (peri_real)(s->hi[1] * s->size);
+    hi.z = (peri_real)(s->hi[2] * s->size);
+    return peri_shape_distance(studio_solid_distance, s, lo, hi);
+}
+
+/* The unit ball. */
+STUDIO_API float studio_ball_field(const float p[3], void *context) {
+    (void)context;
+    return sqrtf(studio_dot(p, p)) - 1;
+}
+
+/* The surface of a solid, with cells of side `cell` m. */
+STUDIO_API int studio_solid_mesh(studio_solid *s, float cell, studio_mesh *m) {
+    float lo[3], hi[3];
+    studio_set(lo, s->lo[0] * s->size, s->lo[1] * s->size, s->lo[2] * s->size);
+    studio_set(hi, s->hi[0] * s->size, s->hi[1] * s->size, s->hi[2] * s->size);
+    return studio_mesh_surface(m, studio_solid_field, s, lo, hi, cell);
+}
+
+/* A body, drawn as its skin. */
+typedef struct studio_thing {
+    peri_body_id body;
+    peri_skin_id skin;
+    studio_mesh now;    /* the skin as it was last seen; its triangles belong to the mesh that it was made of */
+    float rgb[3];
+} studio_thing;
+
+/* Makes the body that def describes, and its skin of a mesh in the coordinates of def's points. */
+STUDIO_API int studio_thing_make(studio_thing *t, peri_world *world, const peri_body_def *def, const studio_mesh *mesh,
+                                 const float rgb[3]) {
+    memset(t, 0, sizeof *t);
+    memcpy(t->rgb, rgb, sizeof t->rgb);
+    t->body = peri_body_create(world, def);
+    if (!t->body.index1) return studio_failed(world);
+    t->skin = peri_skin_create(world, t->body, mesh->v, mesh->vertices, mesh->t, mesh->triangles);
+    if (!t->skin.index1) return studio_failed(world);
+    t->now = *mesh;
+    t->now.v = (float *)studio_alloc(3 * (size_t)mesh->vertices, sizeof(float));
+    t->now.n = (float *)studio_alloc(3 * (size_t)mesh->vertices, sizeof(float));
+    return t->now.v && t->now.n ? 0 : -1;
+}
+
+/* Adds the skin as it is now to a scene; colours: one per vertex, or NULL. */
+STUDIO_API int studio_thing_draw(studio_thing *t, peri_world *world, studio_scene *scene, const float *colours) {
+    if (peri_skin_update(world, t->skin, t->now.v, t->now.n)) return studio_failed(world);
+    return studio_scene_mesh(scene, &t->now, t->rgb, colours);
+}
+
+STUDIO_API void studio_thing_free(studio_thing *t) {
+    free(t->now.v);
+    free(t->now.n);
+    memset(t, 0, sizeof *t);
+}
+
+/* What the checks of several examples keep of every step. */
+typedef struct studio_worst {
+    int steps, iterations, unconverged;
+    double seconds, overlap;    /* in the steps; largest overlap of any contact, spacings */
+} studio_worst;
+
+/* One step, and what it says of itself. */
+STUDIO_API int studio_step_world(peri_world *world, peri_real dt, studio_worst *worst) {
+    double start = studio_seconds();
+    peri_stats stats;
+    if (peri_world_step(world, dt)) return studio_failed(world);
+    worst->seconds += studio_seconds() - start;
+    stats = peri_world_stats(world);
+    worst->steps++;
+    worst->iterations += stats.iterations;
+    worst->unconverged += !stats.converged;
+    worst->overlap = fmax(worst->overlap, stats.overlap);
+    return 0;
+}
+
+/* A sheet's lattice, nx * ny points with x running fastest. */
+typedef struct studio_cloth {
+    peri_body_id body;
+    int nx, ny;
+    float *points;
+    unsigned char *fixed;   /* of the points; all 0 to begin with */
+} studio_cloth;
+
+STUDIO_API int studio_cloth_points(studio_cloth *c, int nx, int ny, float spacing) {
+    peri_error err;
+    int count = 0;
+    memset(c, 0, sizeof *c);
+    c->nx = nx;
+    c->ny = ny;
+    c->points = (float *)studio_alloc(3 * (size_t)(nx * ny), sizeof(float));
+    c->fixed = (unsigned char *)studio_alloc((size_t)(nx * ny), 1);
+    if (!c->points || !c->fixed) return -1;
+    if (peri_sample_rectangle((peri_real)((float)nx * spacing), (peri_real)((float)ny * spacing), (peri_real)spacing,
+                              c->points, nx * ny, &count, &err))
+        return studio_error("%s", err.text);
+    return count == nx * ny ? 0 : studio_error("the lattice has %d points, not %d x %d", count, nx, ny);
+}
+
+/* Fixes the points of the border, `rows` of them. */
+STUDIO_API void studio_cloth_hold(studio_cloth *c, int rows) {
+    int i, j;
+    for (j = 0; j < c->ny; j++)
+        for (i = 0; i < c->nx; i++)
+            if (i < rows || j < rows || i >= c->nx - rows || j >= c->ny - rows) c->fixed[j * c->nx + i] = 1;
+}
+
+/* Adds the cloth as it is now; colours: 3 per point, or NULL. */
+STUDIO_API int studio_cloth_draw(const studio_cloth *c, const peri_world *world, studio_scene *scene,
+                                 const float rgb[3], const float *colours, const float back[3]) {
+    enum { FINE = 2 };
+    studio_mesh m;
+    float *fine = NULL;
+    int bad = studio_mesh_grid(&m, peri_body_positions(world, c->body), c->nx, c->ny, FINE);
+    if (bad) return bad;
+    if (colours) fine = (float *)studio_alloc(3 * (size_t)m.vertices, sizeof(float));
+    if (colours) bad = !fine || studio_grid_values(colours, 3, c->nx, c->ny, FINE, fine);
+    bad = bad || studio_scene_sheet(scene, &m, rgb, fine, back);
+    free(fine);
+    studio_mesh_free(&m);
+    return bad ? -1 : 0;
+}
+
+/* The unit normal of the cloth at point i, from its neighbours. */
+STUDIO_API void studio_cloth_normal(const studio_cloth *c, const float *x, int i, float *n) {
+    int a = i % c->nx, b = i / c->nx, a0 = a > 0, a1 = a < c->nx - 1, b0 = b > 0, b1 = b < c->ny - 1;
+    float u[3], v[3];
+    studio_along(x + 3 * (i + a1), -1, x + 3 * (i - a0), u);
+    studio_along(x + 3 * (i + b1 * c->nx), -1, x + 3 * (i - b0 * c->nx), v);
+    studio_cross(u, v, n);
+    studio_unit(n);
+}
+
+/* How far the particles of a body are above the cloth, along the normal of the nearest of its points: the least, m.
+ * Points further away than `reach` do not count. */
+STUDIO_API double studio_cloth_above(const studio_cloth *c, const peri_world *world, peri_body_id body, float reach) {
+    const float *x = peri_body_positions(world, c->body), *y = peri_body_positions(world, body);
+    int i, j, count = peri_body_count(world, body);
+    double least = HUGE_VAL;
+    for (i = 0; i < count; i++) {
+        float best = reach * reach, away[3], n[3];
+        int nearest = -1;
+        for (j = 0; j < c->nx * c->ny; j++) {
+            studio_along(y + 3 * i, -1, x + 3 * j, away);
+            if (studio_dot(away, away) < best) best = studio_dot(away, away), nearest = j;
+        }
+        if (nearest < 0) continue;
+        studio_along(y + 3 * i, -1, x + 3 * nearest, away);
+        studio_cloth_normal(c, x, nearest, n);
+        least = fmin(least, (double)studio_dot(away, n));
+    }
+    return least;
+}
+
+STUDIO_API void studio_cloth_free(studio_cloth *c) {
+    free(c->points);
+    free(c->fixed);
+    memset(c, 0, sizeof *c);
+}
+
+/* Unit quaternion of a turn by `degrees` about an axis. */
+STUDIO_API peri_quat studio_turn(float x, float y, float z, float degrees) {
+    float half = degrees * (float)(STUDIO_PI / 360), l = sinf(half) / sqrtf(x * x + y * y + z * z);
+    peri_quat q;
+    q.x = (peri_real)(l * x);
+    q.y = (peri_real)(l * y);
+    q.z = (peri_real)(l * z);
+    q.w = (peri_real)cosf(half);
+    return q;
 }
 
 #endif /* STUDIO_PERI_H */

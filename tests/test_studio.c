@@ -731,6 +731,222 @@ static void ball_casts_shadow(void) {
     studio_image_free(&again);
 }
 
+/* The colour at the picture's pixel x, y. */
+static const unsigned char *pixel(const studio_image *im, int x, int y) {
+    return im->rgb + 3 * ((size_t)y * (size_t)im->width + (size_t)x);
+}
+
+/* A ball far away covers the disc that it should: its area to a row of pixels around it, no holes in a line of it,
+ * both its sides at the same distance from the middle to one pixel.  Over (c/r)^2 = 1e6 the rounding of h^2 - d^2
+ * c^2 in float is a part of r^2 itself. */
+static void distant_balls_are_round(void) {
+    const float centre[3] = {0.0f, 0.0f, 0.0f}, red[3] = {0.9f, 0.1f, 0.1f}, radius[2] = {4.0f, 0.5f};
+    studio_image im;
+    int x, y, k;
+    CHECK(studio_image_make(&im, 400, 400) == 0);
+    for (k = 0; k < 2; ++k) {
+        const double r = 200.0 * (double)radius[k] / (1000.0 * tan(0.5 * STUDIO_PI / 180.0));
+        int area = 0, worst = 0;
+        studio_scene s;
+        studio_camera c;
+        studio_scene_begin(&s);
+        s.look.ground = 0;
+        studio_orbit(&c, centre, 1000.0f, 31.0f, 12.0f, 1.0f);
+        CHECK(studio_scene_ball(&s, centre, radius[k], red) == 0 && studio_render(&s, &c, &im) == 0);
+        for (y = 0; y < 400; ++y) {
+            int left = -1, right = -1, count = 0;
+            for (x = 0; x < 400; ++x)
+                if (pixel(&im, x, y)[0] > 1.3 * pixel(&im, x, y)[1]) {
+                    if (left < 0) left = x;
+                    right = x;
+                    ++count;
+                }
+            area += count;
+            if (count && abs(left + right - 399) > worst) worst = abs(left + right - 399);
+            CHECK(count == 0 || count == right - left + 1);
+        }
+        NEAR(area, STUDIO_PI * r * r, 2.0 * STUDIO_PI * r);
+        CHECK(worst <= 2);
+        studio_scene_end(&s);
+    }
+    studio_image_free(&im);
+}
+
+/* The sheet reaches half a spacing over its points, passes through them, and bends as a parabola does. */
+static void grids_are_surfaces(void) {
+    enum { NX = 7, NY = 5, FINE = 2 };
+    float points[3 * NX * NY], lo[3], hi[3];
+    int i, j, vx = studio_grid_side(NX, FINE);
+    studio_mesh m;
+    for (j = 0; j < NY; ++j)
+        for (i = 0; i < NX; ++i) {
+            float x = 0.1f * (float)i, y = 0.1f * (float)j;
+            studio_set(points + 3 * (j * NX + i), x, y, x * x - 2.0f * y * y + x * y);
+        }
+    CHECK(studio_mesh_grid(&m, points, NX, NY, FINE) == 0);
+    CHECK(m.vertices == 15 * 11 && m.triangles == 2 * 14 * 10);
+    studio_bounds(m.v, m.vertices, lo, hi);
+    NEAR(lo[0], -0.05, 1e-6);
+    NEAR(hi[0], 0.65, 1e-6);
+    NEAR(lo[1], -0.05, 1e-6);
+    NEAR(hi[1], 0.45, 1e-6);
+    for (j = 0; j < NY; ++j)
+        for (i = 0; i < NX; ++i) {
+            const float *v = m.v + 3 * ((FINE * j + 1) * vx + FINE * i + 1), *p = points + 3 * (j * NX + i);
+            NEAR(v[2], p[2], 1e-6);
+            CHECK(m.n[2 + 3 * ((FINE * j + 1) * vx + FINE * i + 1)] > 0.0f);
+            if (i < 1 || j < 1 || i >= NX - 2 || j >= NY - 2) continue;
+            v += 3 * (vx + 1); /* half way to the next ones */
+            NEAR(v[2], (p[0] + 0.05f) * (p[0] + 0.05f) - 2.0f * (p[1] + 0.05f) * (p[1] + 0.05f) +
+                       (p[0] + 0.05f) * (p[1] + 0.05f), 1e-6);
+        }
+    studio_mesh_free(&m);
+    studio_state()->mute = 1;
+    CHECK(studio_mesh_grid(&m, points, 1, NY, FINE) != 0);
+    studio_state()->mute = 0;
+}
+
+static float ring_field(const float p[3], void *context) {
+    float r = sqrtf(p[0] * p[0] + p[1] * p[1]) - 0.4f;
+    (void)context;
+    return sqrtf(r * r + p[2] * p[2]) - 0.15f;
+}
+
+/* A closed surface uses every edge once in each direction. */
+static int open_edges(const studio_mesh *m) {
+    int i, j, k, l, open = 0;
+    for (i = 0; i < m->triangles; ++i)
+        for (k = 0; k < 3; ++k) {
+            int a = m->t[3 * i + k], b = m->t[3 * i + (k + 1) % 3], found = 0;
+            for (j = 0; j < m->triangles; ++j)
+                for (l = 0; l < 3; ++l) found += m->t[3 * j + l] == b && m->t[3 * j + (l + 1) % 3] == a;
+            open += found != 1;
+        }
+    return open;
+}
+
+static double enclosed(const studio_mesh *m) {
+    double sum = 0.0;
+    int i;
+    for (i = 0; i < m->triangles; ++i) {
+        float n[3];
+        studio_cross(m->v + 3 * m->t[3 * i], m->v + 3 * m->t[3 * i + 1], n);
+        sum += (double)studio_dot(n, m->v + 3 * m->t[3 * i + 2]) / 6.0;
+    }
+    return sum;
+}
+
+/* A ring: closed, on the surface, outward, its volume short by the chords' (cell/r)^2/6, doubled for both turns. */
+static void surfaces_of_distances(void) {
+    const float lo[3] = {-0.6f, -0.6f, -0.2f}, hi[3] = {0.6f, 0.6f, 0.2f}, away[3] = {2.0f, 2.0f, 2.0f};
+    const float far_off[3] = {3.0f, 3.0f, 3.0f};
+    const double volume = 2.0 * STUDIO_PI * STUDIO_PI * 0.4 * 0.15 * 0.15;
+    studio_mesh m;
+    int i;
+    CHECK(studio_mesh_surface(&m, ring_field, NULL, lo, hi, 0.05f) == 0);
+    CHECK(m.triangles > 500 && open_edges(&m) == 0);
+    NEAR(enclosed(&m), volume, volume * 0.05 * 0.05 / (0.15 * 0.15) / 3.0);
+    for (i = 0; i < m.vertices; ++i) NEAR(ring_field(m.v + 3 * i, NULL), 0.0, 1e-4);
+    CHECK(m.vertices - m.triangles / 2 == 0); /* Euler: a ring has one hole */
+    studio_mesh_free(&m);
+    studio_state()->mute = 1;
+    CHECK(studio_mesh_surface(&m, ring_field, NULL, away, far_off, 0.05f) != 0 && !m.v);
+    CHECK(studio_mesh_surface(&m, ring_field, NULL, hi, lo, 0.05f) != 0);
+    studio_state()->mute = 0;
+}
+
+/* Carried around a closed plane curve a direction comes back to itself; along a tube of 12 sides the volume is
+ * that of the prism, and the first vertex stands at the mark. */
+static void tubes_and_marks(void) {
+    enum { N = 40, SIDES = 12 };
+    float a[3] = {1, 0, 0}, b[3], v[3] = {0, 0.6f, 0.8f}, mark[9] = {0, 0, 0};
+    float points[9] = {0, 0, 0, 0, 0, 0.5f, 0, 0, 1};
+    const double prism = SIDES * 0.5 * 0.2 * 0.2 * sin(2.0 * STUDIO_PI / SIDES);
+    studio_mesh m;
+    int i;
+    for (i = 1; i <= N; ++i) {
+        float angle = 2.0f * (float)STUDIO_PI * (float)i / N;
+        studio_set(b, cosf(angle), sinf(angle), 0);
+        studio_carry(a, b, v);
+        NEAR(studio_dot(v, b), 0.0, 1e-5);
+        NEAR(v[2], 0.8, 1e-4);
+        memcpy(a, b, sizeof a);
+    }
+    NEAR(v[1], 0.6, 1e-4);
+    for (i = 0; i < 3; ++i) studio_set(mark + 3 * i, 0.0f, 3.0f, 0.5f);
+    CHECK(studio_mesh_tube(&m, points, 3, 0.2f, mark, SIDES) == 0);
+    CHECK(open_edges(&m) == 0);
+    NEAR(enclosed(&m), prism, 1e-6);
+    NEAR(m.v[1], 0.2, 1e-6);
+    studio_mesh_free(&m);
+    CHECK(studio_mesh_tube(&m, points, 3, 0.2f, NULL, SIDES) == 0);
+    NEAR(enclosed(&m), prism, 1e-6);
+    studio_mesh_free(&m);
+}
+
+/* A sheet shows one colour from above and another from below, and its own shadow does not fall on it in slanting
+ * light: of the 25 texels that make the soft border at most one corner's worth may be missed. */
+static void sheets_have_two_sides(void) {
+    const float target[3] = {0, 0, 0}, white[3] = {0.9f, 0.9f, 0.9f}, blue[3] = {0.2f, 0.2f, 1.0f};
+    float points[3 * 25];
+    studio_scene s;
+    studio_camera c;
+    studio_image im;
+    studio_mesh m;
+    int i, side;
+    for (i = 0; i < 25; ++i) studio_set(points + 3 * i, 0.2f * (float)(i % 5 - 2), 0.2f * (float)(i / 5 - 2), 0.0f);
+    CHECK(studio_image_make(&im, 80, 80) == 0 && studio_mesh_grid(&m, points, 5, 5, 2) == 0);
+    for (side = 0; side < 2; ++side) {
+        const unsigned char *at;
+        studio_scene_begin(&s);
+        s.look.ground = 0;
+        studio_set(s.look.light, 1.0f, 0.3f, 0.35f);
+        studio_orbit(&c, target, 3.0f, 20.0f, side ? -60.0f : 60.0f, 10.0f);
+        CHECK(studio_scene_sheet(&s, &m, white, NULL, blue) == 0 && studio_render(&s, &c, &im) == 0);
+        at = pixel(&im, 40, 40);
+        if (side) CHECK(at[2] > 2 * at[0]);
+        else CHECK(at[2] < 1.2 * at[0]);
+        for (i = 0; i < 25 && !side; ++i) CHECK(studio_lit(&s, points + 3 * i, s.look.up) >= 0.88f);
+        studio_scene_end(&s);
+    }
+    studio_mesh_free(&m);
+    studio_image_free(&im);
+}
+
+/* Three rows of pixels are clear between the title and the numbers. */
+static void colorbar_title_is_clear(void) {
+    studio_image title, ticks;
+    int i, low = 0, high = 300;
+    CHECK(studio_image_make(&title, 200, 300) == 0 && studio_image_make(&ticks, 200, 300) == 0);
+    studio_colorbar(&title, 60, 60, 14, 200, 0.0, 0.0, "gypsy stress, kPa");
+    studio_colorbar(&ticks, 60, 60, 14, 200, 0.0, 20.0, NULL);
+    for (i = 0; i < 200 * 300; ++i) {
+        int x = i % 200, y = i / 200;
+        if (x >= 60 && x < 75 && y >= 60 && y <= 260) continue; /* the bar itself */
+        if (title.rgb[3 * i] < 250 && y > low) low = y;
+        if (ticks.rgb[3 * i] < 250 && y < high) high = y;
+    }
+    CHECK(low > 30 && high < 70 && high - low > 3);
+    studio_image_free(&title);
+    studio_image_free(&ticks);
+}
+
+/* Neighbours in the row of colours differ by a fifth in some channel; all are colours. */
+static void distinct_colours(void) {
+    float last[3] = {0, 0, 0}, rgb[3];
+    int k, c;
+    for (k = 0; k < 200; ++k) {
+        float most = 0.0f;
+        studio_distinct(k, rgb);
+        for (c = 0; c < 3; ++c) {
+            CHECK(rgb[c] >= 0.1f && rgb[c] <= 0.9f);
+            most = fmaxf(most, fabsf(rgb[c] - last[c]));
+        }
+        CHECK(most > 0.2f);
+        memcpy(last, rgb, sizeof last);
+    }
+}
+
 /* Empty scenes, huge, tiny and not-a-number things, a camera inside: no crash, and the nearer thing wins. */
 static void scene_takes_anything(void) {
     const float grey[3] = {0.5f, 0.5f, 0.5f}, target[3] = {0.0f, 0.0f, 0.0f}, white[3] = {1.0f, 1.0f, 1.0f};
@@ -867,6 +1083,13 @@ int main(int argc, char **argv) {
     RUN(text_has_ink);
     RUN(plots_take_anything);
     RUN(ball_casts_shadow);
+    RUN(distant_balls_are_round);
+    RUN(grids_are_surfaces);
+    RUN(surfaces_of_distances);
+    RUN(tubes_and_marks);
+    RUN(sheets_have_two_sides);
+    RUN(colorbar_title_is_clear);
+    RUN(distinct_colours);
     RUN(scene_takes_anything);
     RUN(options_are_read);
     RUN(options_are_refused);
