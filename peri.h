@@ -222,7 +222,8 @@ typedef struct peri_body_def {
     peri_form form;                 /* PERI_FORM_SOLID */
     peri_real thickness;            /* of a sheet, diameter of a rod, m, > 0; of solids without meaning */
     peri_real bending;              /* sheets and rods: factor on the flexural rigidity, that of the thickness being 1;
-                                       0 to 1e6; 1. Rods: what bears the twist bends as 1.01/(1 + nu) by itself, and
+                                       0 to 1e6; 1. Sheets: 0 leaves the projective model the bending of its share (PP
+                                       figure 5), which goes with the spacing, and the others almost none. Rods: what bears the twist bends as 1.01/(1 + nu) by itself, and
                                        less is not possible; above 10 sections shear (1.3 times too soft at 100), and
                                        rods nearly as thick as a spacing become too stiff along themselves */
     int closed;                     /* rods: 1 joins the last point to the first; 0 */
@@ -3825,6 +3826,11 @@ static double peri__rod_mass(const peri__body *b, const peri__making *make, int 
     return station * (i < b->stations ? 1 - PERI__GHOSTS * share : share);
 }
 
+/* What peri__matter_make must know of the form: 0 no sheet, 1 a sheet, 2 one without a plate's bending. */
+static int peri__sheet_kind(const peri_body_def *d) {
+    return d->form != PERI_FORM_SHEET ? 0 : (double)d->bending > 0 ? 1 : 2;
+}
+
 /* Materials and stiffness of every particle, where they differ. */
 static void peri__maps_make(peri_world *w, peri__body *b, const peri_body_def *d) {
     int k;
@@ -3832,7 +3838,7 @@ static void peri__maps_make(peri_world *w, peri__body *b, const peri_body_def *d
     for (k = 0; b->matters && k < d->material_count; k++)
         peri__matter_make(&((peri__stored_material *)(void *)peri__slot_at(&w->materials,
                                                                           (int)d->materials[k].index1 - 1))->m,
-                          b->form == PERI_FORM_SHEET, &b->matters[k + 1]);
+                          peri__sheet_kind(d), &b->matters[k + 1]);
     if (b->kind) memcpy(b->kind, d->material_of, (size_t)b->count);
     if (b->firmness) memcpy(b->firmness, d->stiffness, (size_t)b->count * sizeof *b->firmness);
 }
@@ -4208,7 +4214,7 @@ peri_body_id peri_body_create(peri_world *w, const peri_body_def *d) {
         b.form = d->form;
         b.spacing = (double)d->spacing;
         if (b.stations) peri__rod_material(d, &matter);
-        peri__matter_make(&matter, d->form == PERI_FORM_SHEET, &b.matter);
+        peri__matter_make(&matter, peri__sheet_kind(d), &b.matter);
         if (b.stations) peri__rod_fibres(&b, d, b.fibre);
         if (b.stations) b.ghost_part = peri__ghost_part(&b);
         make.anisotropic = b.stations || peri__any_anisotropic(w, d);

@@ -1122,8 +1122,9 @@ PERI__SHARED void peri__special_force(const peri__bonds *b, const peri__matter *
 /* Constants for one layer of points in plane stress. There bonds average over a circle, <n n n n> = (dd + dd + dd)/8
    in place of the sphere's 15: ms = 4 mu, ls = 2 (lambda' - mu), lambda' = 2 lambda mu/(lambda + 2 mu); the projective
    model has E = 2 (a + b/2)/3 and Poisson's ratio 1/3. Its term in a would resist bending by the spacing, not by the
-   thickness (measured: a sheet 18 times too stiff): in a sheet all its stiffness is b's. */
-static void peri__matter_flatten(peri__matter *matter) {
+   thickness (measured: a sheet 18 times too stiff): in a sheet all its stiffness is b's, unless the paper's own bending
+   is asked for (sheet 2: peri_body_def.bending is 0). */
+static void peri__matter_flatten(peri__matter *matter, int sheet) {
     peri_material *m = &matter->m;
     double g2 = peri__basis_second(&matter->g) / 2, h2 = peri__basis_second(&matter->h) / 2;    /* 1 for the presets */
     double mu = (double)m->ms * h2 / 7.5, lambda = (double)m->ls * g2 / 4.5 + mu, plane;
@@ -1131,10 +1132,11 @@ static void peri__matter_flatten(peri__matter *matter) {
     plane = 2 * lambda * mu / (lambda + 2 * mu);
     m->ms = (peri_real)((double)m->ms * 4 / 7.5);
     if (g2 > 0) m->ls = (peri_real)(2 * (plane - mu) / g2);
-    m->b = m->a + m->b / 2;
-    m->a = 0;
+    mu = m->model == PERI_MODEL_PROJECTIVE ? (double)(m->a + m->b / 2) / 8 : mu;
+    m->b = sheet == 2 ? m->b / 2 : m->a + m->b / 2;
+    m->a = sheet == 2 ? m->a / 2 : 0;
     if (m->model == PERI_MODEL_PROJECTIVE) {
-        mu = plane = (double)m->b / 8;
+        plane = mu;
     } else if (m->model == PERI_MODEL_CORRESPONDENCE) {
         mu = (double)m->mu;
         plane = 2 * (double)m->lambda * mu / ((double)m->lambda + 2 * mu);
@@ -1150,7 +1152,7 @@ static void peri__matter_make(const peri_material *source, int sheet, peri__matt
     m->m = *source;
     peri__basis_compile(&source->g, &m->g);
     peri__basis_compile(&source->h, &m->h);
-    if (sheet) peri__matter_flatten(m);
+    if (sheet) peri__matter_flatten(m, sheet);
     source = &m->m;
     /* in a plane s 4 mu: of Timoshenko's beam 4 and 8 across, nu 0: 0.99 0.99; nu 0.3: 1.07 1.02; s 1: 1.18 1.06 */
     m->stabiliser = (peri_real)(shear * (double)source->stabiliser);
