@@ -636,7 +636,7 @@ typedef struct peri__slots {
 } peri__slots;
 
 /* flags of a particle */
-enum { PERI__FIXED = 1, PERI__MOVED = 2, PERI__SINGULAR = 4, PERI__FLAT = 8, PERI__SURFACE = 16 };
+enum { PERI__FIXED = 1, PERI__MOVED = 2, PERI__SINGULAR = 4, PERI__FLAT = 8, PERI__SURFACE = 16, PERI__ORIENTED = 32 };
 
 /* Points sorted into cubic cells by counting: cell c holds order[start[c]] .. order[start[c + 1] - 1], in ascending
    order of index. */
@@ -694,6 +694,9 @@ typedef struct peri__body {
     int near_contact;           /* there are contacts to be looked at */
     int touching, held;         /* after the step: it touches something; that does not move freely */
     int restless;               /* what it touches moves by itself */
+    int begun;                  /* this step: x* and the first guess are made */
+    int strayed;                /* it ended further from the guess than contacts were sought for */
+    int unsolved;               /* its contacts met the cap on iterations: it may touch what it seems to miss */
     int asleep;                 /* number of the group that it sleeps with, or 0 */
     int asleep0, still_steps0;  /* the same before the step, to go back to */
     double still0;
@@ -745,6 +748,7 @@ typedef struct peri__contact {
     int body, target, particle;
     int touching;
     int known;              /* touched in the step before */
+    int side;               /* of a sheet: 1 where its normal points to, -1; 0: no sheet */
     int count;              /* of the patch */
     int patch[PERI__PATCH]; /* particles of the other body that the foot hangs between */
     double share[PERI__PATCH];  /* their weights, sum 1 */
@@ -759,7 +763,7 @@ typedef struct peri__contact {
 
 /* A contact kept from step to step while it touches: friction remembers where it holds, and which side it is. */
 typedef struct peri__hold {
-    int body, target, particle, nearest;
+    int body, target, particle, nearest, side;
     double anchor[3];       /* collider: where friction holds, in its frame; body: the spring's extension, m */
     double normal[3];       /* collider: in its frame */
     double entry[4];        /* collider: the last place with the right normal, in its frame, and its distance */
@@ -811,6 +815,7 @@ struct peri_world {
     int body_rows[2], pair_count, pair_capacity;
     int self_contacts;          /* bodies that may touch themselves */
     int asleep, woken;          /* bodies that sleep; one was woken while contacts were sought */
+    int checking, missed;       /* contacts are sought again, after the solve; one was missed */
     int unsettled;              /* bodies fell asleep or woke since colliders were told what rests on them */
     double overlap;             /* largest of the last step, in spacings */
     peri_stats stats;
@@ -3843,6 +3848,27 @@ static void peri__maps_make(peri_world *w, peri__body *b, const peri_body_def *d
     if (b->firmness) memcpy(b->firmness, d->stiffness, (size_t)b->count * sizeof *b->firmness);
 }
 
+/* Turns the normals of a sheet to one side, from bond to bond, so that contacts can tell its sides apart. b->surface is
+   the queue: it is not filled yet. */
+static void peri__sheet_orient(peri__body *b, unsigned char *flags) {
+    int seed, k, c, head = 0, tail = 0;
+    for (seed = 0; seed < b->count; seed++) {
+        if (flags[seed] & PERI__ORIENTED) continue;
+        flags[seed] |= PERI__ORIENTED;
+        for (b->surface[tail++] = seed; head < tail; head++) {
+            const peri_real *n = b->normal + 3 * (size_t)b->surface[head];
+            for (k = b->row[b->surface[head]]; k < b->row[b->surface[head] + 1]; k++) {
+                peri_real *next = b->normal + 3 * (size_t)b->col[k];
+                if (flags[b->col[k]] & PERI__ORIENTED) continue;
+                flags[b->col[k]] |= PERI__ORIENTED;
+                if (n[0] * next[0] + n[1] * next[1] + n[2] * next[2] < 0)
+                    for (c = 0; c < 3; c++) next[c] = -next[c];
+                b->surface[tail++] = b->col[k];
+            }
+        }
+    }
+}
+
 /* Fills the block of a body: rows, bonds, families. flags: of its particles, out. */
 static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *make, unsigned char *flags) {
     peri__fill fill;
@@ -3867,6 +3893,7 @@ static peri_result peri__bonds_make(peri_world *w, peri__body *b, peri__making *
     for (fill.phase = 0; fill.phase < 2; fill.phase++)
         peri_parallel_for(&w->def.parallel, b->count, PERI__GRAIN, peri__fill_task, &fill);
     if (b->stations) peri__rod_gains(b);
+    if (b->normal) peri__sheet_orient(b, flags);
     return PERI_OK;
 }
 
@@ -4844,12 +4871,51 @@ static int peri__foot(const peri_world *w, peri__contact *t, double s, double aw
     return found;
 }
 
-/* Turns the contact's normal to where its foot is now, on the side where it is. */
-static void peri__contact_turn(peri__contact *t, const double away[3]) {
-    double length = sqrt(peri__dot3(away, away)), along = peri__dot3(away, t->normal);
+/* Unit normal of the sheet under the foot at share s of the step: that of its reference, carried along by the patch. With
+   T the tangents there, sum of share (x - mean) T.(X - mean) is the tangents' image times a positive matrix, so its cross
+   product does not flip. Returns 0 when the other body is no sheet, or has no plane there. */
+static int peri__sheet_normal(const peri_world *w, const peri__contact *t, double s, double normal[3]) {
+    const peri__body *b = peri__contact_other(w, t);
+    double turn[9], n[3], tangent[6], image[6], rest[3], place[3], mean[3] = {0, 0, 0}, size = 0, length;
+    int k, c;
+    if (!b->normal) return 0;
+    peri__quat_matrix(b->rotation, turn);
+    for (c = 0; c < 3; c++) n[c] = (double)b->normal[3 * (size_t)t->patch[0] + (size_t)c];
+    peri__apply_back(turn, n, normal);
+    peri__plate_tangents(normal, tangent);
+    memset(image, 0, sizeof image);
+    for (k = 0; k < t->count; k++)
+        for (c = 0; c < 3; c++) mean[c] += t->share[k] * (double)b->points[3 * (size_t)t->patch[k] + (size_t)c];
+    for (k = 0; k < t->count; k++) {
+        peri__place(w, (size_t)(b->first + t->patch[k]), s, place);
+        for (c = 0; c < 3; c++) rest[c] = (double)b->points[3 * (size_t)t->patch[k] + (size_t)c] - mean[c];
+        size += t->share[k] * peri__dot3(rest, rest);
+        for (c = 0; c < 6; c++) image[c] += t->share[k] * place[c % 3] * peri__dot3(rest, tangent + 3 * (c / 3));
+    }
+    peri__cross(image, image + 3, normal);
+    length = sqrt(peri__dot3(normal, normal));
+    for (c = 0; c < 3; c++) normal[c] /= length;
+    return length > 1e-3 * size * size;
+}
+
+#define PERI__LEAN 0.25     /* a normal leans from a sheet's by no more than its cotangent */
+
+/* Turns the contact's normal to where its foot is now (share s of the step), on the side where it is. Which side of a
+   sheet that is, is known for good; of a solid it is where the normal was. */
+static void peri__contact_turn(const peri_world *w, peri__contact *t, double s, const double away[3]) {
+    double along = peri__dot3(away, t->normal), lift, length, normal[3], v[3];
     int c;
+    if (peri__sheet_normal(w, t, s, normal)) {
+        if (!t->side) t->side = peri__dot3(normal, t->normal) < 0 ? -1 : 1;
+        along = t->side * peri__dot3(away, normal);
+        lift = along < PERI__LEAN * t->distance ? PERI__LEAN * t->distance - along : 0;
+        for (c = 0; c < 3; c++) v[c] = away[c] + t->side * lift * normal[c];
+    } else {
+        for (c = 0; c < 3; c++) v[c] = along < 0 ? -away[c] : away[c];
+    }
+    length = sqrt(peri__dot3(v, v));
     if (!(length > 0.05 * t->distance)) return;
-    for (c = 0; c < 3; c++) t->normal[c] = (along < 0 ? -away[c] : away[c]) / length;
+    for (c = 0; c < 3; c++) t->normal[c] = v[c] / length;
 }
 
 /* Distance of a contact's particle to its solid with all particles at xs, and the normal there. Through the surface it
@@ -4942,7 +5008,7 @@ static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax)
     double away[3], normal[3];
     t->held += relax * (t->pressure - t->held);
     if (t->target >= PERI__TARGET_BODY) {
-        if (peri__foot(w, t, 1, away)) peri__contact_turn(t, away);
+        if (peri__foot(w, t, 1, away)) peri__contact_turn(w, t, 1, away);
     } else {
         solid = peri__contact_collider(w, t);
         peri__collider_distance(solid, 1, w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->particle), normal);
@@ -4951,8 +5017,31 @@ static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax)
     peri__contact_force(w, t);
 }
 
+/* The contact of the step under way that has this body, target and particle, or NULL. */
+static const peri__contact *peri__contact_like(const peri_world *w, const peri__contact *t) {
+    int low = 0, high = w->contact_count;
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        const peri__contact *m = &w->contacts[middle];
+        if (m->body != t->body ? m->body < t->body : m->target != t->target ? m->target < t->target
+                                                                            : m->particle < t->particle)
+            low = middle + 1;
+        else high = middle;
+    }
+    if (low == w->contact_count) return NULL;
+    return w->contacts[low].body == t->body && w->contacts[low].target == t->target &&
+                   w->contacts[low].particle == t->particle ? &w->contacts[low] : NULL;
+}
+
+/* One more contact; or, after the solve, a look whether the solve saw it: what sank by a quarter unseen was missed. */
 static peri_result peri__contact_add(peri_world *w, const peri__contact *t) {
-    peri_result bad = peri__contacts_reserve(w, w->contact_count + 1);
+    peri_result bad;
+    if (w->checking) {
+        const peri__contact *seen = peri__contact_like(w, t);
+        if (t->depth > 0.25 * t->distance && !(seen && seen->touching)) w->missed = 1;
+        return PERI_OK;
+    }
+    bad = peri__contacts_reserve(w, w->contact_count + 1);
     if (!bad) w->contacts[w->contact_count++] = *t;
     return bad;
 }
@@ -4994,6 +5083,7 @@ static void peri__contact_begin(peri__contact *t, int body, int target, int part
     t->grade = 1;
     if (!hold) return;
     t->known = 1;
+    t->side = hold->side;
     t->grade = hold->grade > 2 ? hold->grade / 2 : 1;
     memcpy(t->anchor, hold->anchor, sizeof t->anchor);
     memcpy(t->entry, hold->entry, sizeof t->entry);
@@ -5119,9 +5209,9 @@ static int peri__contact_march(const peri_world *w, peri__contact *t, const doub
     for (k = length < 0.25 * t->distance ? pieces : 0; k <= pieces; k++) {
         at = peri__contact_look(w, t, path, (double)k / pieces, away);
         if (at < 0 || came) continue;
-        if (t->known) peri__contact_turn(t, away);
-        else
-            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2 ? side : 0;
+        for (c = 0; c < 3 && !t->known; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2 ? side : 0;
+        if (!t->known) t->side = 0;
+        peri__contact_turn(w, t, (double)k / pieces, away);
         if (k == pieces || (at > t->distance && peri__dot3(away, t->normal) > 0)) continue;
         came = 1;           /* the first place where it touches ... */
         found = *t;
@@ -5131,7 +5221,10 @@ static int peri__contact_march(const peri_world *w, peri__contact *t, const doub
         *t = found;
         return 1;
     }
-    if (came) peri__contact_turn(t, away);
+    if (came) {
+        t->side = found.side;
+        peri__contact_turn(w, t, 1, away);
+    }
     return came || (at >= 0 && (at < margin || peri__dot3(away, t->normal) < 0));
 }
 
@@ -5159,7 +5252,7 @@ static peri_result peri__contact_try(peri_world *w, int k, int m, int i) {
     other = peri__contact_stiffness(w, b, t.patch[0]);
     t.stiffness = 0.5 * t.grade * (t.stiffness > other ? t.stiffness : other);
     peri__contact_force(w, &t);
-    if (t.touching && b->asleep) {
+    if (t.touching && b->asleep && !w->checking) {
         peri__wake(w, b);
         w->woken = 1;
     }
@@ -5325,19 +5418,21 @@ static peri_result peri__pairs_find(peri_world *w) {
     return bad;
 }
 
-/* All contacts that this step may have, in order of body, target, particle. */
+/* All contacts that this step may have, in order of body, target, particle; when checking, those of bodies that strayed
+   are only looked at. */
 static peri_result peri__contacts_find(peri_world *w) {
     int k, i, pair = 0;
     peri_result bad = PERI_OK;
-    w->contact_count = 0;
+    if (!w->checking) w->contact_count = 0;
     w->pair_count = 0;
     if (w->bodies.count > 1 || w->self_contacts) bad = peri__pairs_find(w);
     for (k = 0; k < w->bodies.capacity && !bad; k++) {
         peri__body *a = peri__body_at(w, k);
         if (!a || a->asleep) continue;
-        if (w->colliders.count) bad = peri__contacts_colliders(w, k);
+        if (w->colliders.count && (a->strayed || !w->checking)) bad = peri__contacts_colliders(w, k);
         for (; !bad && pair < w->pair_count && (int)(w->pairs[pair] >> 32) == k; pair++) {
             int m = (int)(w->pairs[pair] & 0xffffffffu);
+            if (w->checking && !a->strayed && !peri__body_at(w, m)->strayed) continue;
             bad = peri__body_grid(w, peri__body_at(w, m));
             for (i = 0; i < a->surface_count && !bad; i++) bad = peri__contact_try(w, k, m, a->surface[i]);
         }
@@ -5396,6 +5491,7 @@ static void peri__hold_take(const peri_world *w, const peri__contact *t, peri__h
     hold->body = t->body;
     hold->target = t->target;
     hold->particle = t->particle;
+    hold->side = t->side;
     hold->nearest = solid ? -1 : t->patch[0];
     hold->grade = t->grade;
     hold->overlap = t->depth;
@@ -5425,6 +5521,7 @@ static void peri__contacts_commit(peri_world *w, double dt) {
         peri__contact *t = &w->contacts[k];
         peri__body *a = peri__body_at(w, t->body), *b = peri__contact_other(w, t);
         peri__hold *hold;
+        if (a->unsolved && (!b || b->asleep)) a->held = 1;
         if (!t->touching) continue;
         for (; old < w->hold_count && w->holds[old].body < t->body; old++)
             if (peri__hold_sleeps(w, &w->holds[old])) w->holds_next[n++] = w->holds[old];
@@ -6508,7 +6605,8 @@ static int peri__far(const peri__solve *s) {
         double size = b->spacing * (10 + (double)b->count), reach = 0;
         size_t k;
         for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++) {
-            double off = fabs(s->w->x[k] - s->w->star[k]);
+            double off = fabs(s->w->x[k] - s->w->star[k]), way = fabs(s->w->x[k] - s->w->x0[k]);
+            if (way < off) off = way;       /* held particles leave x* in long steps, free ones x0 */
             if (!(off <= reach)) reach = off;
         }
         if (!(reach < 1e3 * size)) return 1;
@@ -6538,8 +6636,10 @@ static peri_result peri__solve_island(peri_world *w, const peri__island *island)
         peri__refresh_contacts(&s);
     }
     if (bad) return bad;
-    for (b = peri__first(&s); b; b = peri__next(&s, b))
+    for (b = peri__first(&s); b; b = peri__next(&s, b)) {
         if (!b->stale) b->usual = iterations;
+        b->unsolved = worst > 1 && island->contacts_end > island->contacts;
+    }
     if (peri__far(&s))
         return peri__fail(&w->error, PERI_ERROR_CONVERGENCE,
                           "body %d or what it touches went a thousand times its size in one step: take a smaller step",
@@ -6580,7 +6680,8 @@ static void peri__join(const peri_world *w, int a, int b) {
     else peri__body_at(w, a)->parent = b;
 }
 
-/* Joins bodies by their contacts (touching: only those that do) and attachments; sleeping ones stay apart. */
+/* Joins bodies by their contacts (touching: only those that do, or may: where the solve did not end) and attachments;
+   sleeping ones stay apart. */
 static void peri__join_all(peri_world *w, int touching) {
     int k;
     for (k = 0; k < w->bodies.capacity; k++) {
@@ -6590,7 +6691,7 @@ static void peri__join_all(peri_world *w, int touching) {
     for (k = 0; k < w->contact_count; k++) {
         const peri__contact *t = &w->contacts[k];
         const peri__body *b = peri__contact_other(w, t);
-        if (b && !b->asleep && (t->touching || !touching)) peri__join(w, t->body, t->target - PERI__TARGET_BODY);
+        if (b && !b->asleep && (t->touching || !touching || b->unsolved)) peri__join(w, t->body, t->target - PERI__TARGET_BODY);
     }
     for (k = 0; k < w->attachments.capacity; k++) {
         const peri__attachment *t = peri__attachment_at(w, k);
@@ -6773,7 +6874,14 @@ static peri__scheme peri__scheme_of(const peri_world *w, const peri__body *b, do
     return s;
 }
 
-/* x* of the step, and the first guess x + h v + the last change of velocity times h, in x. */
+/* The first guess of a coordinate: x + h v + the last change of velocity times h; at the start of a motion, gravity's. */
+static double peri__guess(const peri_world *w, const peri__body *b, size_t k, const double gravity[3], double dt) {
+    double v = (double)w->v[k], a = gravity[k % 3];
+    if (w->wants & PERI__WANT_FORCE) a += (double)w->force[k] / (double)w->mass[k / 3];
+    return w->x0[k] + dt * (v + (b->steps > 0 ? v - (double)w->v0[k] : dt * a));
+}
+
+/* x* of the step, and the first guess, in x. */
 static void peri__predict(peri_world *w, peri__body *b, double dt) {
     peri__scheme s = peri__scheme_of(w, b, dt);
     double h = s.beta * dt, gravity[3];
@@ -6794,7 +6902,7 @@ static void peri__predict(peri_world *w, peri__body *b, double dt) {
             before = s.c2 > 0 ? w->back[k] : 0;
             if (w->wants & PERI__WANT_FORCE) a += (double)w->force[k] / (double)w->mass[i];
             w->star[k] = s.c1 * x - s.c2 * before + h * (s.c1 * v - s.c2 * v0) + h * h * a;
-            w->x[k] = x + dt * (v + (b->steps > 0 ? v - v0 : dt * a));
+            w->x[k] = peri__guess(w, b, k, gravity, dt);
         }
 }
 
@@ -6921,45 +7029,41 @@ static void peri__keep_momenta(peri_world *w, int first, const double p_due[3], 
         }
 }
 
-/* Moves the awake bodies to their first guess and looks at their shape. */
+/* Moves the awake bodies that are not there yet to their first guess and looks at their shape. */
 static peri_result peri__bodies_begin(peri_world *w, double dt) {
     peri_result bad = PERI_OK;
     int k;
     for (k = 0; k < w->bodies.capacity && !bad; k++) {
         peri__body *b = peri__body_at(w, k);
-        if (!b || b->asleep) continue;
+        if (!b || b->asleep || b->begun) continue;
+        b->begun = 1;
         b->h = peri__scheme_of(w, b, dt).beta * dt;
-        b->grid_made = 0;
         peri__predict(w, b, dt);
-        peri__body_sweep(w, b);
         bad = peri__health_check(w, b);
     }
     return bad;
 }
 
-/* begin: predict, find contacts (which may wake bodies: then once more), islands, matrices. What is needed to go back is
-   in x0. */
-static peri_result peri__step_begin(peri_world *w, double dt) {
-    peri_result bad = PERI_OK;
+/* Boxes of the paths from x0 to x of the bodies that are awake. */
+static void peri__bodies_sweep(peri_world *w) {
     int k;
-    for (k = 0; k < w->colliders.capacity; k++) {
-        peri__collider *c = peri__collider_at(w, k);
-        if (c) peri__collider_advance(c, dt);
-    }
     for (k = 0; k < w->bodies.capacity; k++) {
         peri__body *b = peri__body_at(w, k);
-        if (!b) continue;
-        b->asleep0 = b->asleep;
-        b->still0 = b->still;
-        b->still_steps0 = b->still_steps;
+        if (!b || b->asleep) continue;
+        b->grid_made = 0;
+        peri__body_sweep(w, b);
     }
-    if (w->asleep) peri__wake_by_colliders(w);
-    w->contact_count = 0;
-    w->stats.islands = 0;
-    if (w->asleep == w->bodies.count) return PERI_OK;
+}
+
+/* Contacts along the paths from x0 to x (which may wake bodies: then once more), and what follows from them: islands,
+   matrices. */
+static peri_result peri__contacts_begin(peri_world *w, double dt) {
+    peri_result bad = PERI_OK;
+    int k;
     do {
         w->woken = 0;
         bad = peri__bodies_begin(w, dt);
+        peri__bodies_sweep(w);
         if (!bad) bad = peri__contacts_find(w);
     } while (!bad && w->woken);
     if (!bad) bad = peri__holds_reserve(w);
@@ -6971,11 +7075,73 @@ static peri_result peri__step_begin(peri_world *w, double dt) {
     return bad;
 }
 
-/* solve: the elastic energies, contacts and attachments to the tolerance, island by island. */
-static peri_result peri__step_solve(peri_world *w) {
+/* begin: what is needed to go back is in x0. */
+static peri_result peri__step_begin(peri_world *w, double dt) {
     int k;
+    for (k = 0; k < w->colliders.capacity; k++) {
+        peri__collider *c = peri__collider_at(w, k);
+        if (c) peri__collider_advance(c, dt);
+    }
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b) continue;
+        b->asleep0 = b->asleep;
+        b->still0 = b->still;
+        b->still_steps0 = b->still_steps;
+        b->begun = 0;
+    }
+    if (w->asleep) peri__wake_by_colliders(w);
+    w->contact_count = 0;
+    w->stats.islands = 0;
+    return w->asleep == w->bodies.count ? PERI_OK : peri__contacts_begin(w, dt);
+}
+
+/* Did a body end further from its guess than contacts were sought for? */
+static int peri__bodies_stray(peri_world *w, double dt) {
+    double gravity[3];
+    int i, k, c, any = 0;
+    peri__vec(w->def.gravity, gravity);
+    for (k = 0; k < w->bodies.capacity; k++) {
+        peri__body *b = peri__body_at(w, k);
+        if (!b || b->asleep) continue;
+        b->strayed = 0;
+        for (i = 0; i < b->surface_count && !b->strayed && b->radius > 0; i++) {
+            size_t at = (size_t)(b->first + b->surface[i]);
+            for (c = 0; c < 3 && !(w->flags[at] & PERI__FIXED); c++)
+                b->strayed |= !(fabs(w->x[3 * at + (size_t)c] - peri__guess(w, b, 3 * at + (size_t)c, gravity, dt)) <
+                                0.25 * b->radius);
+        }
+        any |= b->strayed;
+    }
+    return any;
+}
+
+#define PERI__ROUNDS 4          /* most solves of a step, each with the contacts that the one before missed */
+
+/* Is there something on the way to where the solve ended that the solve did not know of? Contacts are sought along the way
+   to the guess, and after an impact the guess may be far off. */
+static peri_result peri__contacts_check(peri_world *w, double dt) {
     peri_result bad = PERI_OK;
-    for (k = 0; k < w->stats.islands && !bad; k++) bad = peri__solve_island(w, &w->islands[k]);
+    w->missed = 0;
+    if (!peri__bodies_stray(w, dt)) return PERI_OK;
+    peri__bodies_sweep(w);
+    w->checking = 1;
+    bad = peri__contacts_find(w);
+    w->checking = 0;
+    return bad;
+}
+
+/* solve: the elastic energies, contacts and attachments to the tolerance, island by island. */
+static peri_result peri__step_solve(peri_world *w, double dt) {
+    int k, round;
+    peri_result bad = PERI_OK;
+    for (round = 1; !bad; round++) {
+        for (k = 0; k < w->stats.islands && !bad; k++) bad = peri__solve_island(w, &w->islands[k]);
+        if (!bad) bad = peri__contacts_check(w, dt);
+        if (bad || !w->missed || round == PERI__ROUNDS) break;
+        bad = peri__contacts_begin(w, dt);
+    }
+    if (!bad && w->missed) w->stats.converged = 0;
     return bad;
 }
 
@@ -7086,7 +7252,7 @@ peri_result peri_world_step(peri_world *w, peri_real dt) {
     bad = peri__step_begin(w, (double)dt);
     w->stats.profile.begin = 1e3 * (peri__clock(w) - mark);
     mark = peri__clock(w);
-    if (!bad) bad = peri__step_solve(w);
+    if (!bad) bad = peri__step_solve(w, (double)dt);
     w->stats.profile.solve = 1e3 * (peri__clock(w) - mark);
     w->stats.profile.search = w->stats.profile.solve - w->stats.profile.local - w->stats.profile.global;
     mark = peri__clock(w);

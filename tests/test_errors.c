@@ -567,7 +567,7 @@ static void collider_definitions(void) {
     p = probe_now();
     refused(__LINE__, &p, peri_collider_create(S.world, NULL).index1 == 0, ARGUMENT, "definition");
     COLLIDER(ARGUMENT, "peri_default_collider_def", d.cookie = 1);
-    COLLIDER(UNKNOWN, "kind", d.shape.kind = (peri_shape_kind)7);
+    COLLIDER(UNKNOWN, "kind", d.shape.kind = (peri_shape_kind)8);
     COLLIDER(ARGUMENT, "mesh", d.shape = peri_shape_mesh(S.corners, 3, S.triangle, 1));
     COLLIDER(ARGUMENT, "distance", d.shape = peri_shape_distance(NULL, NULL, vec(0, 0, 0), vec(1, 1, 1)));
     COLLIDER(VALUE, "half.x", d.shape = peri_shape_box(0, 1, 1));
