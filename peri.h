@@ -749,6 +749,7 @@ typedef struct peri__contact {
     int touching;
     int known;              /* touched in the step before */
     int side;               /* of a sheet: 1 where its normal points to, -1; 0: no sheet */
+    int loose;              /* slid off the patch sideways */
     int count;              /* of the patch */
     int patch[PERI__PATCH]; /* particles of the other body that the foot hangs between */
     double share[PERI__PATCH];  /* their weights, sum 1 */
@@ -4975,12 +4976,12 @@ static void peri__contact_slip(const peri_world *w, const peri__contact *t, doub
 static void peri__contact_force(const peri_world *w, peri__contact *t) {
     double normal[3], tangent[3], length, limit, hold;
     int c;
-    t->depth = t->distance - peri__contact_distance(w, t, w->x, normal);
+    t->depth = t->loose ? -t->distance : t->distance - peri__contact_distance(w, t, w->x, normal);
     t->touching = t->depth > 0;
     t->pressure = t->touching ? t->stiffness * t->depth : 0;
-    for (c = 0; c < 3; c++) t->force[c] = t->pressure * normal[c];
+    for (c = 0; c < 3; c++) t->force[c] = t->touching ? t->pressure * normal[c] : 0;
     t->energy = t->touching ? t->pressure * t->depth / 2 : 0;
-    if (!(t->held > 0) || !(t->friction > 0)) return;       /* also while a trial lifts it: energies must not leap */
+    if (!(t->held > 0) || !(t->friction > 0) || t->loose) return;       /* also while a trial lifts it: energies must not leap */
     peri__contact_slip(w, t, tangent, &length, &limit);
     hold = length > limit ? limit / length : 1;
     for (c = 0; c < 3; c++) t->force[c] -= t->stiffness * hold * tangent[c];
@@ -5008,7 +5009,10 @@ static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax)
     double away[3], normal[3];
     t->held += relax * (t->pressure - t->held);
     if (t->target >= PERI__TARGET_BODY) {
-        if (peri__foot(w, t, 1, away)) peri__contact_turn(w, t, 1, away);
+        int found = peri__foot(w, t, 1, away);
+        double along = peri__dot3(away, t->normal);
+        if (found) peri__contact_turn(w, t, 1, away);
+        t->loose = !found && 2 * along * along < peri__dot3(away, away);
     } else {
         solid = peri__contact_collider(w, t);
         peri__collider_distance(solid, 1, w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->particle), normal);
@@ -5198,34 +5202,40 @@ static double peri__contact_look(const peri_world *w, peri__contact *t, const do
     return sqrt(peri__dot3(away, away));
 }
 
+/* Turns the contact's normal to the foot at share s; returns 1 when the particle is behind the surface there. */
+static int peri__contact_behind(const peri_world *w, peri__contact *t, double s, const double away[3]) {
+    int behind = peri__dot3(away, t->normal) < 0;       /* of a solid: against where the normal was */
+    peri__contact_turn(w, t, s, away);
+    return t->side ? peri__dot3(away, t->normal) < 0 : behind;
+}
+
 /* Follows the particle through the step. Returns 1 when it touches the body's surface or comes near: then patch, weights
-   and normal are those of the end of the path, or, when it has gone through, of the place where it came in. */
+   and normal are those of the end of the path, or, when it has gone through, of the place where it came in. What touches
+   on its way and leaves on the same side, past a corner, does not count. */
 static int peri__contact_march(const peri_world *w, peri__contact *t, const double path[3], double length) {
     double away[3], at = -1, margin = 1.25 * t->distance + length, steps = ceil(length / (0.5 * t->distance));
     double side = t->body < t->target - PERI__TARGET_BODY ? -1 : 1;     /* in the same place: one goes down, one up */
     peri__contact found;
-    int k, c, pieces = steps < 1 ? 1 : steps > PERI__MARCH ? PERI__MARCH : (int)steps, came = 0;
+    int k, c, pieces = steps < 1 ? 1 : steps > PERI__MARCH ? PERI__MARCH : (int)steps, came = 0, behind = 0;
     if (margin > 2 * t->distance) margin = 2 * t->distance;
     for (k = length < 0.25 * t->distance ? pieces : 0; k <= pieces; k++) {
         at = peri__contact_look(w, t, path, (double)k / pieces, away);
-        if (at < 0 || came) continue;
-        for (c = 0; c < 3 && !t->known; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2 ? side : 0;
-        if (!t->known) t->side = 0;
-        peri__contact_turn(w, t, (double)k / pieces, away);
-        if (k == pieces || (at > t->distance && peri__dot3(away, t->normal) > 0)) continue;
-        came = 1;           /* the first place where it touches ... */
+        if (at < 0 && came) return 0;
+        if (at < 0) continue;
+        if (!came && !t->known) {
+            for (c = 0; c < 3; c++) t->normal[c] = at > 0 ? away[c] / at : c == 2 ? side : 0;
+            t->side = 0;
+        }
+        behind = peri__contact_behind(w, t, (double)k / pieces, away);
+        if (behind && came) {
+            *t = found;
+            return 1;
+        }
+        if (came || k == pieces || (at > t->distance && !behind)) continue;
+        came = 1;           /* the first place where it touches */
         found = *t;
-        k = pieces - 1;     /* ... and now the end of the path */
     }
-    if (came && (at < 0 || !(peri__dot3(away, found.normal) > 0))) {
-        *t = found;
-        return 1;
-    }
-    if (came) {
-        t->side = found.side;
-        peri__contact_turn(w, t, 1, away);
-    }
-    return came || (at >= 0 && (at < margin || peri__dot3(away, t->normal) < 0));
+    return came || (at >= 0 && (at < margin || behind));
 }
 
 /* The contact of particle i of body k with body m, if there may be one. */
@@ -6584,6 +6594,33 @@ static peri_result peri__descend(peri__solve *s, int *iterations, double *length
     return bad;
 }
 
+/* Contacts turn while a solve goes on, so one that met the cap may have ended (by more than a tenth) above the energy that
+   it could have begun with, which is all that the bodies had. Then it is begun anew from where they were; and ended
+   there, at a stop, where that does not help. */
+static peri_result peri__bound(peri__solve *s, int *iterations, double *length, double *worst) {
+    peri_result bad = PERI_OK;
+    int tries, k;
+    for (tries = 0; tries < 2 && !bad && *worst > 1; tries++) {
+        double ended = s->energy, begun;
+        if (!peri__restart(s)) break;
+        peri__take_trial(s);
+        for (begun = s->energy, k = s->island.contacts; k < s->island.contacts_end; k++) {
+            const peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
+            if (!t->known) begun -= t->energy;      /* it did not touch yet, whatever its present foot says */
+        }
+        if (ended <= 1.1 * begun) {
+            peri__positions_put(s, s->base);
+            peri__evaluate(s, s->g, &s->energy);
+            break;
+        }
+        if (tries == 1) break;
+        peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
+        *iterations = 0;
+        bad = peri__descend(s, iterations, length, worst);
+    }
+    return bad;
+}
+
 /* Contacts that sank deeper than three tenths of their distance become four times as stiff. Returns their number. */
 static int peri__stiffen(peri__solve *s) {
     int k, found = 0;
@@ -6635,6 +6672,8 @@ static peri_result peri__solve_island(peri_world *w, const peri__island *island)
         peri__evaluate(&s, s.g, &s.energy);
         peri__refresh_contacts(&s);
     }
+    if (!bad && s.energetic && island->contacts_end > island->contacts)
+        bad = peri__bound(&s, &iterations, &length, &worst);
     if (bad) return bad;
     for (b = peri__first(&s); b; b = peri__next(&s, b)) {
         if (!b->stale) b->usual = iterations;
