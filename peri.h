@@ -6199,7 +6199,7 @@ typedef struct peri__solve {
     peri_real *g, *g1, *p, *change;     /* 3 n/3 each, bodies of the island one behind the other */
     double *base;
     int n;                      /* 3 particles */
-    int energetic;              /* 0: a projective body, whose force is the slope of no energy */
+    int energetic;              /* 0: a projective body, whose force is not quite the slope of its energy */
     int evaluations;
     int refreshed;              /* how often the contacts followed */
     double energy, energy1;     /* at x, at the trial */
@@ -6601,14 +6601,15 @@ static peri_result peri__bound(peri__solve *s, int *iterations, double *length, 
     peri_result bad = PERI_OK;
     int tries, k;
     for (tries = 0; tries < 2 && !bad && *worst > 1; tries++) {
-        double ended = s->energy, begun;
+        double ended = 0, begun;
+        int finite = peri__evaluate(s, s->g, &ended);
         if (!peri__restart(s)) break;
         peri__take_trial(s);
         for (begun = s->energy, k = s->island.contacts; k < s->island.contacts_end; k++) {
             const peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
             if (!t->known) begun -= t->energy;      /* it did not touch yet, whatever its present foot says */
         }
-        if (ended <= 1.1 * begun) {
+        if (finite && ended <= 1.1 * begun) {
             peri__positions_put(s, s->base);
             peri__evaluate(s, s->g, &s->energy);
             break;
@@ -6672,7 +6673,7 @@ static peri_result peri__solve_island(peri_world *w, const peri__island *island)
         peri__evaluate(&s, s.g, &s.energy);
         peri__refresh_contacts(&s);
     }
-    if (!bad && s.energetic && island->contacts_end > island->contacts)
+    if (!bad && island->contacts_end > island->contacts)
         bad = peri__bound(&s, &iterations, &length, &worst);
     if (bad) return bad;
     for (b = peri__first(&s); b; b = peri__next(&s, b)) {

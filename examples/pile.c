@@ -21,13 +21,13 @@ enum { STEPS = 2, MOMENTS = 6, BODIES = 5 };
 
 static const studio_app app = {
     "pile", "five bodies of five materials fall onto a soft cloth",
-    "  --across N     particles along a body (11)\n"
+    "  --across N     particles along a body (9)\n"
     "  --young PA     Young's modulus of the bodies (200000)\n"
     "  --cloth PA     Young's modulus of the cloth (400000)\n"
     "  --density X    of the bodies, kg/m^3 (300)\n"
     "  --friction X   of all (0.5)\n"
     "  --dt S         length of a step (1/60)\n"
-    "--solver: auto cholesky jacobi chebyshev position\n", 150};
+    "--solver: auto cholesky jacobi chebyshev position\n", 120};
 
 typedef struct pile {
     studio_options options;
@@ -155,7 +155,7 @@ static int create(pile *s, const char *program) {
     def.tolerance = 2e-3f; /* at 60 steps a second just above the speed of sleep, 0.1 spacings a second */
     def.max_iterations = 500;
     def.parallel.threads = s->options.threads;
-    s->spacing = 0.5f / (float)studio_number("--across", s->options.check ? 7 : 11);
+    s->spacing = 0.5f / (float)studio_number("--across", s->options.check ? 7 : 9);
     s->dt = (float)studio_number("--dt", 1.0 / 60);
     s->world = peri_world_create(&def, &err);
     if (!s->world) return studio_error("%s", err.text);
