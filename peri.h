@@ -1,4 +1,4 @@
-/* peri.h - v0.1.0 - meshless peridynamic particles: elastic bodies that stay stable at game time steps - MIT licence
+/* peri.h - v0.2.0 - meshless peridynamic particles: elastic bodies that stay stable at game time steps - MIT licence
 
    The third of peri's three floors, and the one that a user includes: a world of bodies made of particles, colliders,
    time stepping, sampling and skinning. It includes peri_material.h and peri_solver.h.
@@ -27,10 +27,12 @@
        for (frame = 0; frame < 60; frame++) peri_world_step(world, 1.0f / 30);
        peri_world_destroy(world);
 
-   DOES       elastic solids of any shape: linear, neo-Hookean, St. Venant-Kirchhoff, user's laws; recovery from
-              collapse and inversion; backward Euler and BDF2 at any step; fixed and script-driven particles;
-              colliders with friction that hand their impulses back; fine meshes moved by coarse particles.
-   DOES NOT   (yet) let bodies touch each other, or flow, yield and break.
+   DOES       elastic solids, sheets and rods of any shape: linear, neo-Hookean, St. Venant-Kirchhoff, user's laws,
+              a material, stiffness and directions for each particle; recovery from collapse and inversion; contact with
+              friction between bodies, of a body with itself and with colliders, which get their impulses back; ropes,
+              springs and joints; sleep; backward Euler and BDF2 at any step; fixed and script-driven particles; fine
+              meshes moved by coarse particles.
+   DOES NOT   (yet) flow, yield and break.
 
    UNITS AND CONVENTIONS
        SI: m, kg, s, N, Pa, J. Right-handed; z is up in the defaults. Arrays of vectors are x0 y0 z0 x1 y1 z1 ...
@@ -42,8 +44,7 @@
        PERI_NO_SKINNING    leaves out skins
        PERI_NO_DRAW        leaves out debug drawing
 
-   MEMORY     one hook (peri_allocator), or one buffer of the caller: peri_world_size(&def) bytes, from which
-   everything
+   MEMORY     one hook (peri_allocator), or one buffer of the caller: peri_world_size(&def) bytes, from which all
               is taken. Nothing is allocated in a settled step; peri_stats counts. Pointers to particle arrays hold
               until the next body is created or destroyed.
    THREADS    one thread at a time may use a world; different worlds are independent. A step uses the threads of the
@@ -62,18 +63,21 @@
                       (cantilever tip); stretch 11 to 17 % and projective 21 % too stiff with 8 across, by their
                       surfaces; projective torsion 36 % too stiff with 8 across.
        sheets         within 1 % of plate theory with 16 points along (clamped, under its weight; lowest vibrations of a
-                      free plate 12 x 12), a pinched tube 3 % with 24 around and 1 % with 48; scattered points 4 %. Where
-                      `bending` makes a sheet as rigid as one 6 spacings thick, the default tolerance leaves 2 % of a
-                      deflection undone, at 20 spacings 7 %. Folds and mirror images are not out of shape for a sheet.
-       recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles can
-                      stay.
+                      free plate 12 x 12), a pinched tube 3 % with 24 around and 1 % with 48; scattered points 4 %.
+                      Where `bending` makes a sheet as rigid as one 6 spacings thick, the default tolerance leaves 2 %
+                      of a deflection undone, at 20 spacings 7 %. Folds and mirror images are not out of shape for a
+       sheet. recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles
+                      can stay.
        momentum       kept to rounding by the forces of stretch and correspondence; the projective model's have a torque
                       (0.012 E d^3 at forces of 0.4 E d^2): free bodies are corrected (keep_momentum), held ones not.
-       contact        particles sink into colliders by their weight over the stiffness of their bonds: 0.01 to 0.02
-                      spacings at rest, up to 0.25 at a hard landing. Thin colliders can be passed in one step by what
-                      is faster than their thickness a step.
-       script         move fixed particles by less than half a spacing a step against their free neighbours.
-
+       contact        particles sink into what they touch by their weight over the stiffness of their bonds: 0.01 to
+                      0.02 spacings at rest, up to 0.25 at a hard landing. Nothing passes a sheet of one layer or a
+                      collider at up to 30 contact distances a step (90 m/s at 60 steps a second and 5 cm). Energy does
+                      not grow by contact (1000 collisions, backward Euler; under BDF2 where no particle went out of
+                      shape). Heavy bodies on light sheets take hundreds of iterations; raise max_iterations, or take
+       shorter steps. rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; diameter
+       up to a spacing. script         move fixed particles by less than half a spacing a step against their free
+neighbours. 
    CONTENTS
        1  world and step
        2  bodies
@@ -82,9 +86,12 @@
        5  shapes and sampling
        6  skins
        7  looking: values, statistics, debug drawing
-       implementation: memory, world, neighbours and bonds, bodies, colliders, the step, queries, sampling, skins
+       implementation: the world's parts, memory, shapes and sampling, creating a world, neighbours, bonds, bodies,
+       colliders, contacts, finding contacts, attachments, forces, health, the constant matrix, the solve, islands and
+       sleep, the step, looking, skins
 
    HISTORY
+       0.2.0  bodies touch each other and themselves; sheets, rods, attachments, materials per particle, sleep
        0.1.0  first version: elastic bodies, colliders, sampling, skins
 */
 #ifndef PERI_H
@@ -223,9 +230,11 @@ typedef struct peri_body_def {
     peri_real thickness;            /* of a sheet, diameter of a rod, m, > 0; of solids without meaning */
     peri_real bending;              /* sheets and rods: factor on the flexural rigidity, that of the thickness being 1;
                                        0 to 1e6; 1. Sheets: 0 leaves the projective model the bending of its share (PP
-                                       figure 5), which goes with the spacing, and the others almost none. Rods: what bears the twist bends as 1.01/(1 + nu) by itself, and
-                                       less is not possible; above 10 sections shear (1.3 times too soft at 100), and
-                                       rods nearly as thick as a spacing become too stiff along themselves */
+                                       figure 5), which goes with the spacing, and the others almost none, but at folds
+                                       narrower than the horizon (SH figure 9). Rods: what bears the twist bends as
+                                       1.01/(1 + nu) by itself, and less is not possible; above 10 sections shear (1.3
+                                       times too soft at 100), and rods nearly as thick as a spacing become too stiff
+                                       along themselves */
     int closed;                     /* rods: 1 joins the last point to the first; 0 */
     peri_material_id material;
     const peri_material_id *materials;  /* material_count more materials, of the same model, for material_of */
@@ -256,8 +265,8 @@ PERI_DEF peri_body_def peri_default_body_def(void);
    half way between them; one row is a hinge. */
 PERI_DEF peri_body_def peri_default_sheet_def(peri_real thickness);
 /* The same for a round rod of this diameter (m, at most one spacing). Its points must be about a spacing apart, as
-   peri_sample_line makes them. Of the material a rod takes E, nu and the density; horizon and kernel are its own. A fixed
-   particle of a rod is a clamp: its section is held. */
+   peri_sample_line makes them. Of the material a rod takes E, nu and the density; horizon and kernel are its own. A
+   fixed particle of a rod is a clamp: its section is held. */
 PERI_DEF peri_body_def peri_default_rod_def(peri_real diameter);
 
 /* A material that bodies refer to; a copy is kept. Null id on error. */
@@ -300,8 +309,8 @@ PERI_DEF peri_result peri_body_set_fixed(peri_world *world, peri_body_id body, i
    than half a spacing a step against its free neighbours: in one leap past them it would mirror their bonds. */
 PERI_DEF peri_result peri_body_move(peri_world *world, peri_body_id body, int particle, peri_vec3 x);
 
-/* Rods: turns the fixed particle's section to `rotation` (from its rest orientation in the world) by the end of the next
-   step, about the particle. Errors: ID, INDEX, VALUE, ARGUMENT (free particle, no rod). */
+/* Rods: turns the fixed particle's section to `rotation` (from its rest orientation in the world) by the end of the
+   next step, about the particle. Errors: ID, INDEX, VALUE, ARGUMENT (free particle, no rod). */
 PERI_DEF peri_result peri_rod_turn(peri_world *world, peri_body_id body, int particle, peri_quat rotation);
 /* Rods: moment of the inner forces on a particle's section about the particle, N m. */
 PERI_DEF peri_result peri_rod_moment(peri_world *world, peri_body_id body, int particle, peri_vec3 *moment);
@@ -483,8 +492,8 @@ PERI_DEF peri_result peri_sample_with(const peri_shape *shape, peri_real spacing
 PERI_DEF peri_result peri_sample(const peri_shape *shape, peri_real spacing, peri_real *points, int capacity,
                                  int *count, peri_error *err);
 
-/* Square lattice for a sheet: the rectangle width (x) by height (y) in the plane z = 0 about the origin, cell centres as
-   above, x running fastest. Called twice as above. */
+/* Square lattice for a sheet: the rectangle width (x) by height (y) in the plane z = 0 about the origin, cell centres
+   as above, x running fastest. Called twice as above. */
 PERI_DEF peri_result peri_sample_rectangle(peri_real width, peri_real height, peri_real spacing, peri_real *points,
                                            int capacity, int *count, peri_error *err);
 
@@ -3075,8 +3084,8 @@ static peri_result peri__contacts_reserve(peri_world *w, int n) {
     int now = 2 * w->contact_capacity, most = w->buffer ? peri__most_contacts(&w->def) : w->def.max_contacts, k;
     if (n <= w->contact_capacity) return PERI_OK;
     if (n > most)
-        return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d contacts: raise %s of the world's definition", most,
-                          most < w->def.max_contacts ? "max_particles or max_bodies" : "max_contacts");
+        return peri__fail(&w->error, PERI_ERROR_LIMIT, "more than %d contacts: raise %s of the world's definition",
+                          most, most < w->def.max_contacts ? "max_particles or max_bodies" : "max_contacts");
     now = now < 256 ? 256 : now;
     now = now < n ? n : now > most ? most : now;
     array[0] = w->contacts, size[0] = sizeof *w->contacts;
@@ -3681,8 +3690,8 @@ static double peri__default_volume(const peri_body_def *d) {
 
 /* ---- rods: a cage of four ghosts around every point, half a spacing away, with bonds of the linear stretch model
    between neighbouring stations, of different gain. Diagonals bear the twist; the fibres along the rod, through the
-   ghosts and through the points, are as stiff as bending and stretch still need. Whatever the material's model, a rod is
-   elastic in these three: E A, E I, G J = 2 G I of a round section. What the cage without fibres bears of them was
+   ghosts and through the points, are as stiff as bending and stretch still need. Whatever the material's model, a rod
+   is elastic in these three: E A, E I, G J = 2 G I of a round section. What the cage without fibres bears of them was
    measured by static solutions, in S d^2, S d^4, S d^4 for ms = S (test_rods checks the whole): */
 
 #define PERI__ROD_STRETCH 1.0795
@@ -3723,8 +3732,8 @@ static double peri__ghost_part(const peri__body *b) {
     return cage / (cage + b->fibre[1]) / PERI__GHOSTS;
 }
 
-/* Gain of the bond from particle i to j: fibres by what they must bear; the diagonals between neighbouring ghosts' lines
-   bear the twist; stiff bonds keep a section in shape; weak ones tie it to the line. */
+/* Gain of the bond from particle i to j: fibres by what they must bear; the diagonals between neighbouring ghosts'
+   lines bear the twist; stiff bonds keep a section in shape; weak ones tie it to the line. */
 static double peri__rod_gain(const peri__body *b, int i, int j, double even, double fibre_gain) {
     int n = b->stations, a = (i - n) % PERI__GHOSTS, c = (j - n) % PERI__GHOSTS;
     if (peri__station(n, i) == peri__station(n, j)) return 10;
@@ -3946,8 +3955,9 @@ static void peri__vec(peri_vec3 v, double out[3]) {
 }
 
 static peri_result peri__check_body_arrays(const peri_body_def *d, peri_error *err) {
-    double t = (double)d->thickness, usual = d->form == PERI_FORM_ROD ? 0.785 * t * t * (double)d->spacing
-                                                                     : peri__default_volume(d), most = 1e3 * usual, least = 1e-3 * usual;
+    double t = (double)d->thickness,
+           usual = d->form == PERI_FORM_ROD ? 0.785 * t * t * (double)d->spacing : peri__default_volume(d),
+           most = 1e3 * usual, least = 1e-3 * usual;
     peri_result bad = peri__finite3("points", d->points, d->count, err);
     int i;
     for (i = 0; i < d->count && d->volumes && !bad; i++)
@@ -4131,7 +4141,8 @@ static void peri__body_state(peri_world *w, peri__body *b, const peri__making *m
         b->pinned[i] = 0;
         at = (size_t)b->first + i;
         w->flags[at] = flags[i];
-        if ((flags[i] & PERI__SURFACE || b->stations) && (int)i < peri__real_count(b)) b->surface[b->surface_count++] = (int)i;
+        if ((flags[i] & PERI__SURFACE || b->stations) && (int)i < peri__real_count(b))
+            b->surface[b->surface_count++] = (int)i;
         if (d->fixed && d->fixed[i]) w->flags[at] |= PERI__FIXED, b->fixed++;
         b->singular += (flags[i] & PERI__SINGULAR) != 0;
         w->mode[at] = flags[i] & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
@@ -4467,7 +4478,8 @@ peri_result peri_body_set_fixed(peri_world *w, peri_body_id id, int particle, in
     }
     for (c = 0; b->stations && c < PERI__GHOSTS; c++) {
         size_t ghost = peri__ghost(b, particle) + (size_t)c;
-        w->flags[ghost] = (unsigned char)(fixed ? w->flags[ghost] | PERI__FIXED : w->flags[ghost] & ~(PERI__FIXED | PERI__MOVED));
+        w->flags[ghost] =
+            (unsigned char)(fixed ? w->flags[ghost] | PERI__FIXED : w->flags[ghost] & ~(PERI__FIXED | PERI__MOVED));
         if (fixed) memset(w->v + 3 * ghost, 0, 3 * sizeof *w->v);
         if (fixed) memset(w->v0 + 3 * ghost, 0, 3 * sizeof *w->v0);
     }
@@ -4785,14 +4797,15 @@ static peri__attachment *peri__attachment_at(const peri_world *w, int k) {
 }
 
 /* ---- implementation 8: contacts -----------------------------------------------------------------------------------
-   A particle that is closer to a solid than its distance is pushed out by a stiff spring, as stiff as its own row of the
-   matrix, and held along the surface by another, from the point where it first touched, up to the friction times the
-   push. Both act inside the solve, so contact and elasticity agree at the end of the step.
+   A particle that is closer to a solid than its distance is pushed out by a stiff spring, as stiff as its own row of
+   the matrix, and held along the surface by another, from the point where it first touched, up to the friction times
+   the push. Both act inside the solve, so contact and elasticity agree at the end of the step.
    The solid is a collider, by its signed distance, or another body: then the surface is where the particles around are,
    their weighted mean (the foot), with weights that reproduce flat lattices, so that what slides feels no bumps. The
    push acts between the particle and its foot, along the line that joined them when the foot was last found: linear
    momentum is kept, angular momentum to the tolerance of the solve. A contact knows
-   on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through. */
+   on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through.
+   */
 
 #define PERI__CELLS 4       /* cells of a body's grid per particle of its surface */
 #define PERI__MARCH 64      /* most places of a step's path that are looked at */
@@ -4816,8 +4829,8 @@ static void peri__place(const peri_world *w, size_t at, double s, double p[3]) {
 }
 
 /* Weights of the patch for a particle at x, patch particles at place[]: (1 - r^2/R^2)^3, then tilted so that the foot
-   comes below the particle along the surface, and cut at zero so that it stays on it. Returns 0, and leaves the weights,
-   when no particle is within R. */
+   comes below the particle along the surface, and cut at zero so that it stays on it. Returns 0, and leaves the
+   weights, when no particle is within R. */
 static int peri__foot_weights(peri__contact *t, const double x[3], double place[][3]) {
     double share[PERI__PATCH], sum = 0, mean[3] = {0, 0, 0}, a[9], inverse[9], lean[3], off[3], det, trace;
     int k, c, d;
@@ -4872,9 +4885,9 @@ static int peri__foot(const peri_world *w, peri__contact *t, double s, double aw
     return found;
 }
 
-/* Unit normal of the sheet under the foot at share s of the step: that of its reference, carried along by the patch. With
-   T the tangents there, sum of share (x - mean) T.(X - mean) is the tangents' image times a positive matrix, so its cross
-   product does not flip. Returns 0 when the other body is no sheet, or has no plane there. */
+/* Unit normal of the sheet under the foot at share s of the step: that of its reference, carried along by the patch.
+   With T the tangents there, sum of share (x - mean) T.(X - mean) is the tangents' image times a positive matrix, so
+   its cross product does not flip. Returns 0 when the other body is no sheet, or has no plane there. */
 static int peri__sheet_normal(const peri_world *w, const peri__contact *t, double s, double normal[3]) {
     const peri__body *b = peri__contact_other(w, t);
     double turn[9], n[3], tangent[6], image[6], rest[3], place[3], mean[3] = {0, 0, 0}, size = 0, length;
@@ -5002,8 +5015,8 @@ static void peri__contact_scatter(const peri_world *w, const peri__contact *t, i
     }
 }
 
-/* Weights, normal and (by the share `relax`) the pressure that limits friction follow the particles. Between these calls
-   they stay, so that there is an energy to go down. */
+/* Weights, normal and (by the share `relax`) the pressure that limits friction follow the particles. Between these
+   calls they stay, so that there is an energy to go down. */
 static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax) {
     const peri__collider *solid;
     double away[3], normal[3];
@@ -5093,8 +5106,8 @@ static void peri__contact_begin(peri__contact *t, int body, int target, int part
     memcpy(t->entry, hold->entry, sizeof t->entry);
 }
 
-/* Box of the path of a body's surface in this step, wide enough for what touches it; how its guess moves as a whole, and
-   by how much single particles depart from that. */
+/* Box of the path of a body's surface in this step, wide enough for what touches it; how its guess moves as a whole,
+   and by how much single particles depart from that. */
 static void peri__body_sweep(const peri_world *w, peri__body *b) {
     double reach = 2 * b->radius;
     int i, c;
@@ -5148,9 +5161,9 @@ static peri_result peri__body_grid(peri_world *w, peri__body *b) {
     return PERI_OK;
 }
 
-/* The particles of b's surface that are nearest at share `at` of the step, within the support of the weights and at most
-   PERI__PATCH, into the contact's patch; a body's own particles that were near at rest are left out. The grid is looked
-   through within `reach` of q, as it lies at the end of the step. */
+/* The particles of b's surface that are nearest at share `at` of the step, within the support of the weights and at
+   most PERI__PATCH, into the contact's patch; a body's own particles that were near at rest are left out. The grid is
+   looked through within `reach` of q, as it lies at the end of the step. */
 static void peri__patch_find(const peri_world *w, peri__contact *t, double at, const double q[3], double reach) {
     const peri__body *b = peri__contact_other(w, t);
     const peri__grid *g = &b->grid;
@@ -5174,7 +5187,8 @@ static void peri__patch_find(const peri_world *w, peri__contact *t, double at, c
                     peri__place(w, (size_t)(b->first + j), at, p);
                     for (c = 0; c < 3; c++) r2 += (p[c] - x[c]) * (p[c] - x[c]);
                     if (r2 >= t->reach2) continue;
-                    if (t->body == t->target - PERI__TARGET_BODY && peri__rest_square(b, t->particle, j) < apart * apart)
+                    if (t->body == t->target - PERI__TARGET_BODY &&
+                        peri__rest_square(b, t->particle, j) < apart * apart)
                         continue;
                     if (t->count == PERI__PATCH && r2 >= square[PERI__PATCH - 1]) continue;
                     m = t->count < PERI__PATCH ? t->count++ : PERI__PATCH - 1;
@@ -5209,9 +5223,9 @@ static int peri__contact_behind(const peri_world *w, peri__contact *t, double s,
     return t->side ? peri__dot3(away, t->normal) < 0 : behind;
 }
 
-/* Follows the particle through the step. Returns 1 when it touches the body's surface or comes near: then patch, weights
-   and normal are those of the end of the path, or, when it has gone through, of the place where it came in. What touches
-   on its way and leaves on the same side, past a corner, does not count. */
+/* Follows the particle through the step. Returns 1 when it touches the body's surface or comes near: then patch,
+   weights and normal are those of the end of the path, or, when it has gone through, of the place where it came in.
+   What touches on its way and leaves on the same side, past a corner, does not count. */
 static int peri__contact_march(const peri_world *w, peri__contact *t, const double path[3], double length) {
     double away[3], at = -1, margin = 1.25 * t->distance + length, steps = ceil(length / (0.5 * t->distance));
     double side = t->body < t->target - PERI__TARGET_BODY ? -1 : 1;     /* in the same place: one goes down, one up */
@@ -6122,7 +6136,8 @@ static double peri__factor_cost(const peri__body *b) {
 static double peri__iteration_cost(const peri__body *b) {
     double bonds = 150.0 * b->row[b->count];
 #ifndef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return bonds + 12.0 * (double)peri_cholesky_entries(b->factor->l);
+    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor)
+        return bonds + 12.0 * (double)peri_cholesky_entries(b->factor->l);
 #endif
     return bonds;
 }
@@ -6188,9 +6203,10 @@ static void peri__global_body(peri_world *w, const peri__body *b, const peri_rea
 }
 
 /* ---- implementation 14: the solve --------------------------------------------------------------------------------
-   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contacts + attachments of an island, the bodies that touch or are attached to
-   each other: quasi-Newton on the constant matrices of its bodies (SH section 5.2; for the projective model this is PP's
-   local/global iteration), L-BFGS over them, and a line search on the slope and, down to its rounding, the energy. */
+   Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contacts + attachments of an island, the bodies that touch or are attached
+   to each other: quasi-Newton on the constant matrices of its bodies (SH section 5.2; for the projective model this is
+   PP's local/global iteration), L-BFGS over them, and a line search on the slope and, down to its rounding, the energy.
+   */
 
 typedef struct peri__solve {
     peri_world *w;
@@ -6212,7 +6228,8 @@ static peri__body *peri__next(const peri__solve *s, const peri__body *b) { retur
 static void peri__positions_get(const peri__solve *s, double *to) {
     const peri__body *b;
     for (b = peri__first(s); b; b = peri__next(s, b))
-        memcpy(to + 3 * (size_t)(b->at - s->island.at), s->w->x + 3 * (size_t)b->first, 3 * (size_t)b->count * sizeof *to);
+        memcpy(to + 3 * (size_t)(b->at - s->island.at), s->w->x + 3 * (size_t)b->first,
+               3 * (size_t)b->count * sizeof *to);
 }
 
 static void peri__positions_put(const peri__solve *s, const double *from) {
@@ -6301,10 +6318,10 @@ static void peri__coarse_add(const peri_world *w, const peri__body *b, const per
     }
 }
 
-/* The global step of a body that hangs, on two levels. The matrix, which sees every coordinate by itself, takes a turn for a
-   shear, and would answer a torque on a stiff body with hundreds of small steps, each below the tolerance. So the rigid
-   motion is solved for by itself, and the matrix has the rest: Z A^-1 Z' + (1 - D Z A^-1 Z')' P^-1 (1 - D Z A^-1 Z'),
-   symmetric and positive (Z: rigid motions, A = Z' D Z). */
+/* The global step of a body that hangs, on two levels. The matrix, which sees every coordinate by itself, takes a turn
+   for a shear, and would answer a torque on a stiff body with hundreds of small steps, each below the tolerance. So the
+   rigid motion is solved for by itself, and the matrix has the rest: Z A^-1 Z' + (1 - D Z A^-1 Z')' P^-1 (1 - D Z A^-1
+   Z'), symmetric and positive (Z: rigid motions, A = Z' D Z). */
 static void peri__global_free(peri_world *w, const peri__body *b, const peri_real *g, peri_real *rest, peri_real *p) {
     peri__coarse r;
     double move[3], turn[3], back[3], turn_back[3];
@@ -6594,9 +6611,9 @@ static peri_result peri__descend(peri__solve *s, int *iterations, double *length
     return bad;
 }
 
-/* Contacts turn while a solve goes on, so one that met the cap may have ended (by more than a tenth) above the energy that
-   it could have begun with, which is all that the bodies had. Then it is begun anew from where they were; and ended
-   there, at a stop, where that does not help. */
+/* Contacts turn while a solve goes on, so one that met the cap may have ended (by more than a tenth) above the energy
+   that it could have begun with, which is all that the bodies had. Then it is begun anew from where they were; and
+   ended there, at a stop, where that does not help. */
 static peri_result peri__bound(peri__solve *s, int *iterations, double *length, double *worst) {
     peri_result bad = PERI_OK;
     int tries, k;
@@ -6731,7 +6748,8 @@ static void peri__join_all(peri_world *w, int touching) {
     for (k = 0; k < w->contact_count; k++) {
         const peri__contact *t = &w->contacts[k];
         const peri__body *b = peri__contact_other(w, t);
-        if (b && !b->asleep && (t->touching || !touching || b->unsolved)) peri__join(w, t->body, t->target - PERI__TARGET_BODY);
+        if (b && !b->asleep && (t->touching || !touching || b->unsolved))
+            peri__join(w, t->body, t->target - PERI__TARGET_BODY);
     }
     for (k = 0; k < w->attachments.capacity; k++) {
         const peri__attachment *t = peri__attachment_at(w, k);
@@ -6844,8 +6862,8 @@ static void peri__wake_by_colliders(peri_world *w) {
     }
 }
 
-/* Is every particle slower than `factor` times the speed that counts as rest? In long steps what counts is the way, as if
-   they took 1/30 s. */
+/* Is every particle slower than `factor` times the speed that counts as rest? In long steps what counts is the way, as
+   if they took 1/30 s. */
 static int peri__body_slow(const peri_world *w, const peri__body *b, double factor, double dt) {
     double most = factor * (double)w->def.sleep_speed * b->spacing;
     size_t i, end = (size_t)b->first + (size_t)b->count;
@@ -7158,8 +7176,8 @@ static int peri__bodies_stray(peri_world *w, double dt) {
 
 #define PERI__ROUNDS 4          /* most solves of a step, each with the contacts that the one before missed */
 
-/* Is there something on the way to where the solve ended that the solve did not know of? Contacts are sought along the way
-   to the guess, and after an impact the guess may be far off. */
+/* Is there something on the way to where the solve ended that the solve did not know of? Contacts are sought along the
+   way to the guess, and after an impact the guess may be far off. */
 static peri_result peri__contacts_check(peri_world *w, double dt) {
     peri_result bad = PERI_OK;
     w->missed = 0;

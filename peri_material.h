@@ -1,4 +1,4 @@
-/* peri_material.h - v0.1.0 - physics of one particle and its bonds - MIT licence
+/* peri_material.h - v0.2.0 - physics of one particle and its bonds - MIT licence
 
    The second of peri's three floors: elastic models as pure functions of the bonds of a particle. No allocation, no
    state but what is passed in. It knows peri_solver.h; it does not know the world.

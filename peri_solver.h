@@ -1,4 +1,4 @@
-/* peri_solver.h - v0.1.0 - numbers: small algebra, sparse SPD solvers - MIT licence
+/* peri_solver.h - v0.2.0 - numbers: small algebra, sparse SPD solvers - MIT licence
 
    The first of peri's three floors. It knows nothing of physics: real numbers, 3x3 and 6x6 algebra, hooks for memory
    and threads, and solvers for A x = b with A symmetric positive definite, given as compressed rows. Alone it is a
@@ -57,9 +57,9 @@
 /* ---- 1  configuration, numbers, results -------------------------------------------------------------------------- */
 
 #define PERI_VERSION_MAJOR 0
-#define PERI_VERSION_MINOR 1
+#define PERI_VERSION_MINOR 2
 #define PERI_VERSION_PATCH 0
-#define PERI_VERSION "0.1.0"
+#define PERI_VERSION "0.2.0"
 
 #ifdef __cplusplus
 #define PERI__EXTERN extern "C"

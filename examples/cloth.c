@@ -17,7 +17,8 @@
 
 static const float dt = 1.0f / 60;
 
-static const studio_app app = {"cloth", "three scenes of sheets: bending share, horizon and kernel, trampoline", "", 180};
+static const studio_app app = {"cloth", "three scenes of sheets: bending share, horizon and kernel, trampoline", "",
+                               180};
 
 typedef struct cloth {
     studio_options options;
@@ -116,7 +117,8 @@ static int hang(cloth *s, int which) {
                  (double)((float)i * dt));
         bad = studio_stand_moment(&s->stand, 2, text);
     }
-    for (i = 0; i < 40 && !bad; i++) bad = studio_stand_step(&s->stand, 0.5f);     /* long steps: what swings comes to rest */
+    for (i = 0; i < 40 && !bad; i++)
+        bad = studio_stand_step(&s->stand, 0.5f); /* long steps: what swings comes to rest */
     for (k = 0; k < 3 && !bad; k++) {
         s->droop[3 * which + k] = droop(s, id[k]);
         if (s->csv) fprintf(s->csv, "%s,%d,%.5f\n", which ? "horizon" : "share", k, s->droop[3 * which + k]);
@@ -208,7 +210,8 @@ static void check(const cloth *s) {
     studio_check("longest cloth hangs", s->droop[0], "of its length", 0.3, 1.3);
     studio_check("trampoline: particles of the ball below the sheet", s->wrong, "", 0, 0);
     studio_check("trampoline: largest overlap", s->stand.overlap, "spacings", 0, 0.5);
-    studio_check("trampoline: sag along the strong diagonal over that across", s->sag[0] / s->sag[1], "", 1.02, 5); /* strong fibres carry the load to
+    studio_check("trampoline: sag along the strong diagonal over that across", s->sag[0] / s->sag[1], "", 1.02,
+                 5); /* strong fibres carry the load to
                                                                                    the border, and the sag with it */
 }
 

@@ -1,8 +1,9 @@
-/* rod.c - a rod is held at both ends and twisted until it coils.
+/* rod.c - a rod is held at both ends and twisted until it gives way; then its ends come together.
  *
  * Answers PP figure 6 (a rod twisted with the help of ghost particles); PP = Peng et al., "Projective Peridynamics".
- * Shows peri_default_rod_def, peri_rod_turn, peri_rod_moment and contact of a body with itself.  To the picture it adds the
- * torque over the angle, with the slope G J / L of a round rod, and where the straight rod must give way (Greenhill).
+ * Shows peri_default_rod_def, peri_rod_turn, peri_rod_moment and contact of a body with itself.  To the picture it adds
+ * the torque over the angle, with the slope G J / L of a round rod, and where the straight rod must give way
+ * (Greenhill).  Let together it writhes, until a loop slips around an end and takes two turns away.
  *
  *     cc -O2 examples/rod.c -lm -o rod && ./rod
  *
@@ -17,8 +18,8 @@
 static const float dt = 1.0f / 60;
 static const double length = 1, diameter = 0.02, young = 1e7, poisson = 0.4;
 
-static const studio_app app = {"rod", "a rod that is twisted until it coils",
-                               "  --turns N      turns of one end (6)\n", 900};
+static const studio_app app = {"rod", "a rod that is twisted until it gives way",
+                               "  --turns N      turns of one end (4)\n", 900};
 
 typedef struct rod {
     studio_options options;
@@ -56,7 +57,8 @@ static int create(rod *s) {
     w = peri_world_create(&def, &err);
     if (!w) return studio_error("%s", err.text);
     studio_stand_begin(&s->stand, w, 2);
-    if (peri_sample_line(ends, 2, 0, (peri_real)(s->options.check ? 1 / 40.0 : 1 / 50.0), points, 200, &s->n, &step, &err))
+    if (peri_sample_line(ends, 2, 0, (peri_real)(s->options.check ? 1 / 40.0 : 1 / 50.0), points, 200, &s->n, &step,
+                         &err))
         return studio_error("%s", err.text);
     d.points = points;
     d.count = s->n;
@@ -98,10 +100,10 @@ static int drive(rod *s, double angle, double slack) {
     return 0;
 }
 
-/* Twist first, then let the ends come together: the twist goes into a coil. */
+/* Twist first, then let the ends come together: the twist goes into bending. */
 static int run(rod *s) {
     int k, c, steps = s->options.frames, bad = 0;
-    double turns = studio_number("--turns", 6) * 2 * STUDIO_PI;
+    double turns = studio_number("--turns", 4) * 2 * STUDIO_PI;
     for (k = 1; k <= steps && !bad; k++) {
         double share = (double)k / steps, part = share < 0.5 ? 2 * share : 1;
         peri_vec3 moment[2];
@@ -119,7 +121,8 @@ static int run(rod *s) {
             s->slope_bottom += s->angle * s->angle;
         }
         x = peri_body_positions(s->stand.world, s->body);
-        for (c = 0; c < s->n; c++) s->off = fmax(s->off, sqrt(pow((double)x[3 * c + 1], 2) + pow((double)x[3 * c + 2], 2)));
+        for (c = 0; c < s->n; c++)
+            s->off = fmax(s->off, sqrt(pow((double)x[3 * c + 1], 2) + pow((double)x[3 * c + 2], 2)));
         s->largest = fmax(s->largest, s->torque);
         studio_progress(&s->options, k, steps, "twisting");
         if (s->options.check) continue;
@@ -156,7 +159,7 @@ int main(int argc, char **argv) {
         studio_check("slope of torque over G J / L", s.slope_top / s.slope_bottom / stiffness(&s), "", 0.97, 1.03);
         studio_check("the rod leaves its line by", s.off, "m", 0.05, 0.5);
         studio_check("particles out of shape", peri_world_stats(s.stand.world).unhealthy, "", 0, 4);
-        studio_check("largest overlap of the coil", s.stand.overlap, "spacings", 0, 0.5);
+        studio_check("largest overlap", s.stand.overlap, "spacings", 0, 0.5);
     }
     peri_world_destroy(s.stand.world);
     return bad ? 1 : studio_end(&s.options);

@@ -75,8 +75,8 @@ STUDIO_API int studio_failed(const peri_world *world) { return studio_error("%s"
 
 enum { STUDIO_ACTORS = 256 };
 
-/* A body and how it is drawn: as balls, as a sheet of nx by ny points (nx > 0), as a rod (rod > 0: its radius, m), or by
- * the vertices of a skin. */
+/* A body and how it is drawn: as balls, as a sheet of nx by ny points (nx > 0), as a rod (rod > 0: its radius, m), or
+ * by the vertices of a skin. */
 typedef struct studio_actor {
     peri_body_id body;
     int nx, ny;

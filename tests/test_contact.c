@@ -133,9 +133,9 @@ static double slope_of_particles(double angle, double slab_spacing, double mu) {
     return after - before;
 }
 
-/* mu 0.5: atan mu = 26.57 degrees. One degree below it holds (less than 0.12 d in 120 steps, as for colliders: every step
-   may leave it a thousandth of d from the answer); one degree above it slides: at least half of g (sin - mu cos) t^2/2.
-   The slab's lattice is as wide as the block's, half and twice as wide: no bumps may hold it. */
+/* mu 0.5: atan mu = 26.57 degrees. One degree below it holds (less than 0.12 d in 120 steps, as for colliders: every
+   step may leave it a thousandth of d from the answer); one degree above it slides: at least half of g (sin - mu cos)
+   t^2/2. The slab's lattice is as wide as the block's, half and twice as wide: no bumps may hold it. */
 static void friction_of_particles(void) {
     static const double spacing[3] = {0.05, 0.03, 0.1};
     double pi = 3.14159265358979, slides = 0.5 * 9.81 * (sin(27.6 * pi / 180) - 0.5 * cos(27.6 * pi / 180)) * 2;
@@ -151,8 +151,8 @@ static void friction_of_particles(void) {
 
 /* ---- stacks ------------------------------------------------------------------------------------------------------ */
 
-/* Five boxes of 0.25 m: E 1e6 Pa, as a column of E 1e5 buckles under its own weight at 0.75 m (Greenhill 1881). For 60 s
-   no centre moves sideways by more than a spacing; with sleep they fall asleep. */
+/* Five boxes of 0.25 m: E 1e6 Pa, as a column of E 1e5 buckles under its own weight at 0.75 m (Greenhill 1881). For 60
+   s no centre moves sideways by more than a spacing; with sleep they fall asleep. */
 static void stack_of_boxes(void) {
     int sleep, k;
     for (sleep = 0; sleep < 2; sleep++) {
@@ -214,8 +214,8 @@ static void stack_of_balls(void) {
     peri_world_destroy(p.world);
 }
 
-/* A box 100 times as dense on another, and the other way round: E such that the load is a twentieth of it. They rest: the
-   contacts between them carry the upper one's weight within 2 %, and no particle is deeper than 0.3 d. */
+/* A box 100 times as dense on another, and the other way round: E such that the load is a twentieth of it. They rest:
+   the contacts between them carry the upper one's weight within 2 %, and no particle is deeper than 0.3 d. */
 static void density_ratio(void) {
     int order;
     for (order = 0; order < 2; order++) {
@@ -291,10 +291,11 @@ static void collide(peri_integrator integrator, double *energy, double *momentum
     peri_world_destroy(p.world);
 }
 
-/* Free bodies: both momenta of the world are kept to rounding (velocities are peri_real: EPS of each, over 160 steps and
-   particles at random: 100 EPS), and energy does not grow. Not checked is the energy under BDF2 where particles went out of
-   shape: what pulls them back is another energy, and BDF2 damps too little of the difference. Under BDF2 positions lag behind velocities that change, so the
-   moment of momentum of separate bodies is kept to its second order only: printed. */
+/* Free bodies: both momenta of the world are kept to rounding (velocities are peri_real: EPS of each, over 160 steps
+   and particles at random: 100 EPS), and energy does not grow. Not checked is the energy under BDF2 where particles
+   went out of shape: what pulls them back is another energy, and BDF2 damps too little of the difference. Under BDF2
+   positions lag behind velocities that change, so the moment of momentum of separate bodies is kept to its second order
+   only: printed. */
 static void collisions(void) {
     double worst_energy = -1, worst_momentum = 0, worst_angular = 0, bdf = 0, energy, momentum, angular, loose = -1;
     int k, touched, unhealthy, met = 0, bent = 0;

@@ -173,9 +173,9 @@ static void law_derivatives(void) {
     NEAR(worst, 0, 1e-7);
 }
 
-/* What a line search may meet: every C that least squares can give, however far from a metric. The result is finite, and
-   still the derivative along a random direction (step 1e-6: a joint of two continuations, where the second derivative
-   jumps by up to a few times the stiffness, costs 1e-6 of it; the bound is ten times that). */
+/* What a line search may meet: every C that least squares can give, however far from a metric. The result is finite,
+   and still the derivative along a random direction (step 1e-6: a joint of two continuations, where the second
+   derivative jumps by up to a few times the stiffness, costs 1e-6 of it; the bound is ten times that). */
 static void law_is_finite_everywhere(void) {
     double worst = 0;
     int law, t, c, bad = 0;

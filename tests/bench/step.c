@@ -1,9 +1,9 @@
 /* tests/bench/step.c - what a whole step costs: a beam of 57 x 21 x 21 = 25 137 particles (0.98 x 0.36 x 0.36 m), one
    end held, gravity switched on at rest, 26 neighbours, h = 1/30 s, E = 1e5 Pa, nu 0.3 (projective 1/4), tolerance 1e-3
-   spacings; every model, 1 and 2 threads where OpenMP is compiled in. Prints a table and writes CSV to the file named as
-   the first argument. Step time and iterations are medians over the steps after the first, which factorises; the rest
-   are means (wall clock with OpenMP, else processor time). The ratio is to the correspondence model, one thread, of the
-   same run. Second argument quick: a beam of 29 x 11 x 11. */
+   spacings; every model, 1 and 2 threads where OpenMP is compiled in. Prints a table and writes CSV to the file named
+   as the first argument. Step time and iterations are medians over the steps after the first, which factorises; the
+   rest are means (wall clock with OpenMP, else processor time). The ratio is to the correspondence model, one thread,
+   of the same run. Second argument quick: a beam of 29 x 11 x 11. */
 #ifdef _OPENMP
 #include <omp.h>
 #endif
