@@ -66,8 +66,9 @@
                       free plate 12 x 12), a pinched tube 3 % with 24 around and 1 % with 48; scattered points 4 %.
                       Where `bending` makes a sheet as rigid as one 6 spacings thick, the default tolerance leaves 2 %
                       of a deflection undone, at 20 spacings 7 %. Folds and mirror images are not out of shape for a
-       sheet. recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles
-                      can stay.
+                      sheet.
+       recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles can
+                      stay.
        momentum       kept to rounding by the forces of stretch and correspondence; the projective model's have a torque
                       (0.012 E d^3 at forces of 0.4 E d^2): free bodies are corrected (keep_momentum), held ones not.
        contact        particles sink into what they touch by their weight over the stiffness of their bonds: 0.01 to
@@ -75,9 +76,10 @@
                       collider at up to 30 contact distances a step (90 m/s at 60 steps a second and 5 cm). Energy does
                       not grow by contact (1000 collisions, backward Euler; under BDF2 where no particle went out of
                       shape). Heavy bodies on light sheets take hundreds of iterations; raise max_iterations, or take
-       shorter steps. rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; diameter
-       up to a spacing. script         move fixed particles by less than half a spacing a step against their free
-neighbours. 
+                      shorter steps. A particle that goes in and out of repair can keep a heap awake.
+       rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; diameter up to a spacing.
+       script         move fixed particles by less than half a spacing a step against their free neighbours.
+
    CONTENTS
        1  world and step
        2  bodies
@@ -4804,8 +4806,7 @@ static peri__attachment *peri__attachment_at(const peri_world *w, int k) {
    their weighted mean (the foot), with weights that reproduce flat lattices, so that what slides feels no bumps. The
    push acts between the particle and its foot, along the line that joined them when the foot was last found: linear
    momentum is kept, angular momentum to the tolerance of the solve. A contact knows
-   on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through.
-   */
+   on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through. */
 
 #define PERI__CELLS 4       /* cells of a body's grid per particle of its surface */
 #define PERI__MARCH 64      /* most places of a step's path that are looked at */
@@ -6205,8 +6206,7 @@ static void peri__global_body(peri_world *w, const peri__body *b, const peri_rea
 /* ---- implementation 14: the solve --------------------------------------------------------------------------------
    Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contacts + attachments of an island, the bodies that touch or are attached
    to each other: quasi-Newton on the constant matrices of its bodies (SH section 5.2; for the projective model this is
-   PP's local/global iteration), L-BFGS over them, and a line search on the slope and, down to its rounding, the energy.
-   */
+   PP's local/global iteration), L-BFGS over them, and a line search on the slope and, down to its rounding, the energy. */
 
 typedef struct peri__solve {
     peri_world *w;

@@ -1,5 +1,5 @@
-/* tests/test_errors.c - wrong calls, missing memory, failing steps: each is refused with its reason, and nothing
-changes. 
+/* tests/test_errors.c - wrong calls, missing memory, failing steps: each is refused with its reason, nothing changes.
+
    Wrong calls are rows of the form WORLD(code, word, change): a good definition, one change, the code it must be
    refused with and a word that the sentence must hold (the argument's name). Every row also checks that the world's
    hash and counts are what they were and that the log was told once. */
