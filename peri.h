@@ -771,6 +771,7 @@ typedef struct peri__contact {
     double friction, stiffness;
     double held;            /* the pressure that limits friction: fixed during a line search */
     double depth, pressure, energy, force[3];
+    double stored;          /* energy at the end of the last step, J */
 } peri__contact;
 
 /* A contact kept from step to step while it touches: friction remembers where it holds, and which side it is. */
@@ -5102,6 +5103,7 @@ static void peri__contact_begin(peri__contact *t, int body, int target, int part
     if (!hold) return;
     t->known = 1;
     t->side = hold->side;
+    t->stored = hold->overlap * sqrt(peri__dot3(hold->force, hold->force)) / 2;
     t->grade = hold->grade > 2 ? hold->grade / 2 : 1;
     memcpy(t->anchor, hold->anchor, sizeof t->anchor);
     memcpy(t->entry, hold->entry, sizeof t->entry);
@@ -6611,27 +6613,64 @@ static peri_result peri__descend(peri__solve *s, int *iterations, double *length
     return bad;
 }
 
-/* Contacts turn while a solve goes on, so one that met the cap may have ended (by more than a tenth) above the energy
-   that it could have begun with, which is all that the bodies had. Then it is begun anew from where they were; and
-   ended there, at a stop, where that does not help. */
+/* Puts the contacts of bodies that stay where they were before the step back to what they were there. */
+static void peri__contacts_stop(peri__solve *s) {
+    double away[3];
+    int k;
+    for (k = s->island.contacts; k < s->island.contacts_end; k++) {
+        peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
+        const peri__hold *hold = peri__hold_find(s->w, t->body, t->target, t->particle);
+        t->loose = !hold;
+        if (hold && t->target >= PERI__TARGET_BODY) {
+            peri__foot(s->w, t, 1, away);
+            memcpy(t->normal, hold->normal, sizeof t->normal);
+        }
+        peri__contact_force(s->w, t);
+    }
+}
+
+/* Sums over the island's free particles: m v.(x - x0)/h, which turns the energy that a step goes down into that of its
+   motion and deformation, m v^2 / 2 before the step, and m (x* - x0)^2 / 2 h^2. */
+static void peri__motion(const peri__solve *s, double *gone, double *kinetic, double *aimed) {
+    const peri_world *w = s->w;
+    const peri__body *b;
+    size_t k;
+    *gone = *kinetic = *aimed = 0;
+    for (b = peri__first(s); b; b = peri__next(s, b))
+        for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++) {
+            double m = (double)w->mass[k / 3], v = (double)w->v[k], aim = (w->star[k] - w->x0[k]) / b->h;
+            if (w->flags[k / 3] & PERI__FIXED) continue;
+            *gone += m * v * (w->x[k] - w->x0[k]) / b->h;
+            *kinetic += m * v * v / 2;
+            *aimed += m * aim * aim / 2;
+        }
+}
+
+/* A guess may be absurd, and contacts turn while a solve goes on: so one that met the cap may end with (by more than a
+   tenth) more energy than the bodies had. Then it is begun anew from where they were; and ended there, at a stop, where
+   that does not help. */
 static peri_result peri__bound(peri__solve *s, int *iterations, double *length, double *worst) {
     peri_result bad = PERI_OK;
     int tries, k;
     for (tries = 0; tries < 2 && !bad && *worst > 1; tries++) {
-        double ended = 0, begun;
+        double ended = 0, begun, gone, kinetic, aimed;
         int finite = peri__evaluate(s, s->g, &ended);
+        peri__motion(s, &gone, &kinetic, &aimed);
         if (!peri__restart(s)) break;
         peri__take_trial(s);
         for (begun = s->energy, k = s->island.contacts; k < s->island.contacts_end; k++) {
             const peri__contact *t = &s->w->contacts[s->w->contact_order[k]];
-            if (!t->known) begun -= t->energy;      /* it did not touch yet, whatever its present foot says */
+            begun += t->stored - t->energy;     /* as it was, not as its present foot makes it */
         }
-        if (finite && ended <= 1.1 * begun) {
+        if (finite && ended + gone - begun - kinetic <= 0.1 * (begun - aimed + kinetic)) {
             peri__positions_put(s, s->base);
             peri__evaluate(s, s->g, &s->energy);
             break;
         }
-        if (tries == 1) break;
+        if (tries == 1) {
+            peri__contacts_stop(s);
+            break;
+        }
         peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
         *iterations = 0;
         bad = peri__descend(s, iterations, length, worst);
@@ -6690,8 +6729,7 @@ static peri_result peri__solve_island(peri_world *w, const peri__island *island)
         peri__evaluate(&s, s.g, &s.energy);
         peri__refresh_contacts(&s);
     }
-    if (!bad && island->contacts_end > island->contacts)
-        bad = peri__bound(&s, &iterations, &length, &worst);
+    if (!bad) bad = peri__bound(&s, &iterations, &length, &worst);
     if (bad) return bad;
     for (b = peri__first(&s); b; b = peri__next(&s, b)) {
         if (!b->stale) b->usual = iterations;
