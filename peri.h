@@ -77,7 +77,7 @@
                       not grow by contact (1000 collisions, backward Euler; under BDF2 where no particle went out of
                       shape). Heavy bodies on light sheets take hundreds of iterations; raise max_iterations, or take
                       shorter steps. A particle that goes in and out of repair can keep a heap awake.
-       rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; diameter up to a spacing.
+       rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; up to a spacing thick.
        script         move fixed particles by less than half a spacing a step against their free neighbours.
 
    CONTENTS
@@ -209,7 +209,7 @@ typedef enum peri_kernel {
 /* What the points of a body are. */
 typedef enum peri_form {
     PERI_FORM_SOLID,        /* points fill a volume: spacing^3 each */
-    PERI_FORM_SHEET,        /* one layer of points on a surface, flat or curved: a membrane in plane stress and a plate's
+    PERI_FORM_SHEET,        /* one layer of points on a surface, flat or curved: a membrane in plane stress, a plate's
                                bending, of the given thickness. spacing^2 thickness each */
     PERI_FORM_ROD           /* points in order along a line: a round rod of the given thickness (its diameter). Ghost
                                particles around the line carry bending and twist; they are in no array of the user's
@@ -578,7 +578,7 @@ typedef struct peri_stats {
     int islands;                /* sets of bodies that were solved together in the last step */
     int asleep;                 /* bodies that sleep */
     int broken;                 /* attachments that broke, since creation */
-    double overlap;             /* largest of any contact at the end of the last step, in spacings of the touching body */
+    double overlap;             /* largest of any contact at the end of the last step, in spacings of what touches */
     int iterations;             /* of the last step: most of any body */
     int evaluations;            /* force evaluations of the last step: most of any body */
     int converged;              /* 0 when a body of the last step met max_iterations */
@@ -4807,11 +4807,11 @@ static peri__attachment *peri__attachment_at(const peri_world *w, int k) {
    their weighted mean (the foot), with weights that reproduce flat lattices, so that what slides feels no bumps. The
    push acts between the particle and its foot, along the line that joined them when the foot was last found: linear
    momentum is kept, angular momentum to the tolerance of the solve. A contact knows
-   on which side it is: the normal turns with the surface, it does not flip when a particle is pressed or shot through. */
+   on which side it is: its normal turns with the surface and does not flip when a particle is pressed or shot through. */
 
 #define PERI__CELLS 4       /* cells of a body's grid per particle of its surface */
 #define PERI__MARCH 64      /* most places of a step's path that are looked at */
-#define PERI__SUPPORT 1.5   /* width of the foot's weights, in spacings: measured, no bump above 0.1 degrees on lattices */
+#define PERI__SUPPORT 1.5   /* width of the foot's weights, in spacings: no bump above 0.1 degrees on lattices */
 
 static const peri__collider *peri__contact_collider(const peri_world *w, const peri__contact *t) {
     return (const peri__collider *)(void *)peri__slot_at(&w->colliders, t->target);
@@ -4996,7 +4996,8 @@ static void peri__contact_force(const peri_world *w, peri__contact *t) {
     t->pressure = t->touching ? t->stiffness * t->depth : 0;
     for (c = 0; c < 3; c++) t->force[c] = t->touching ? t->pressure * normal[c] : 0;
     t->energy = t->touching ? t->pressure * t->depth / 2 : 0;
-    if (!(t->held > 0) || !(t->friction > 0) || t->loose) return;       /* also while a trial lifts it: energies must not leap */
+    /* also while a trial lifts it: energies must not leap */
+    if (!(t->held > 0) || !(t->friction > 0) || t->loose) return;
     peri__contact_slip(w, t, tangent, &length, &limit);
     hold = length > limit ? limit / length : 1;
     for (c = 0; c < 3; c++) t->force[c] -= t->stiffness * hold * tangent[c];
@@ -5617,7 +5618,8 @@ static peri_result peri__check_attachment(peri_world *w, const peri_attachment_d
     a = peri__body_find(w, d->body);
     b = peri__body_find(w, d->other);
     if (!a || (!b && (d->other.index1 || d->other.generation)))
-        return peri__fail(err, PERI_ERROR_ID, "%s of the attachment does not exist in this world", a ? "other" : "body");
+        return peri__fail(err, PERI_ERROR_ID, "%s of the attachment does not exist in this world",
+                          a ? "other" : "body");
     if ((d->collider.index1 || d->collider.generation) && !peri__collider_find(w, d->collider))
         return peri__fail(err, PERI_ERROR_ID, "the attachment's collider does not exist in this world");
     if (b && d->collider.index1)
@@ -5702,7 +5704,9 @@ peri_result peri_attachment_destroy(peri_world *w, peri_attachment_id id) {
     return PERI_OK;
 }
 
-int peri_attachment_is_valid(const peri_world *w, peri_attachment_id id) { return peri__attachment_find(w, id) != NULL; }
+int peri_attachment_is_valid(const peri_world *w, peri_attachment_id id) {
+    return peri__attachment_find(w, id) != NULL;
+}
 
 peri_result peri_attachment_set_point(peri_world *w, peri_attachment_id id, peri_vec3 point) {
     peri__attachment *t = peri__attachment_find(w, id);
@@ -5819,7 +5823,7 @@ static void peri__attachments_break(peri_world *w) {
     }
 }
 
-/* ---- implementation 11: forces ------------------------------------------------------------------------------------ */
+/* ---- implementation 11: forces ----------------------------------------------------------------------------------- */
 
 typedef struct peri__pass {
     peri_world *w;
@@ -6208,7 +6212,7 @@ static void peri__global_body(peri_world *w, const peri__body *b, const peri_rea
 /* ---- implementation 14: the solve --------------------------------------------------------------------------------
    Minimises (1/2h^2) |x - x*|_M^2 + E(x) + contacts + attachments of an island, the bodies that touch or are attached
    to each other: quasi-Newton on the constant matrices of its bodies (SH section 5.2; for the projective model this is
-   PP's local/global iteration), L-BFGS over them, and a line search on the slope and, down to its rounding, the energy. */
+   PP's local/global iteration), L-BFGS over them, a line search on the slope and, down to its rounding, the energy. */
 
 typedef struct peri__solve {
     peri_world *w;
@@ -6970,7 +6974,7 @@ static peri__scheme peri__scheme_of(const peri_world *w, const peri__body *b, do
     return s;
 }
 
-/* The first guess of a coordinate: x + h v + the last change of velocity times h; at the start of a motion, gravity's. */
+/* The first guess of a coordinate: x + h v + the last change of velocity times h; first, gravity's. */
 static double peri__guess(const peri_world *w, const peri__body *b, size_t k, const double gravity[3], double dt) {
     double v = (double)w->v[k], a = gravity[k % 3];
     if (w->wants & PERI__WANT_FORCE) a += (double)w->force[k] / (double)w->mass[k / 3];
