@@ -4806,8 +4806,9 @@ static peri__attachment *peri__attachment_at(const peri_world *w, int k) {
    The solid is a collider, by its signed distance, or another body: then the surface is where the particles around are,
    their weighted mean (the foot), with weights that reproduce flat lattices, so that what slides feels no bumps. The
    push acts between the particle and its foot, along the line that joined them when the foot was last found: linear
-   momentum is kept, angular momentum to the tolerance of the solve. A contact knows
-   on which side it is: its normal turns with the surface and does not flip when a particle is pressed or shot through. */
+   momentum is kept, angular momentum to the tolerance of the solve. A contact knows on which side it is (of a sheet, by
+   the sheet's own normal): its normal turns with the surface and does not flip when a particle is pressed or shot
+   through. After the solve, what the way to the answer met and the solve did not see is sought once more. */
 
 #define PERI__CELLS 4       /* cells of a body's grid per particle of its surface */
 #define PERI__MARCH 64      /* most places of a step's path that are looked at */
