@@ -224,8 +224,8 @@ static void series_of_two(void) {
             scene s;
             double soft, hard;
             scene_begin(&s, nx, 4, 4, 0.1);
-            s.world_def.tolerance = (peri_real)1e-5;
-            s.world_def.max_iterations = 2000;
+            s.world_def.tolerance = (peri_real)1e-4;
+            s.world_def.max_iterations = 500;
             scene_make(&s, NULL);
             p.material[0] = material_of(kind[t], 1e5, 0);
             p.material[1] = material_of(kind[t], 3e5, 0);
