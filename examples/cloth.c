@@ -210,9 +210,8 @@ static void check(const cloth *s) {
     studio_check("longest cloth hangs", s->droop[0], "of its length", 0.3, 1.3);
     studio_check("trampoline: particles of the ball below the sheet", s->wrong, "", 0, 0);
     studio_check("trampoline: largest overlap", s->stand.overlap, "spacings", 0, 0.5);
-    studio_check("trampoline: sag along the strong diagonal over that across", s->sag[0] / s->sag[1], "", 1.02,
-                 5); /* strong fibres carry the load to
-                                                                                   the border, and the sag with it */
+    /* strong fibres carry the load to the border, and the sag with it */
+    studio_check("trampoline: sag along the strong diagonal over that across", s->sag[0] / s->sag[1], "", 1.02, 5);
 }
 
 int main(int argc, char **argv) {
