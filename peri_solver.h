@@ -217,6 +217,9 @@ PERI_DEF peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a
 PERI_DEF void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work);
 
 /* Entries of L. */
+PERI_DEF peri_result peri_cholesky_create_like(const peri_cholesky *other, const peri_allocator *memory,
+                                               peri_cholesky **out, peri_error *err);
+PERI_DEF int peri_cholesky_pivot(const peri_cholesky *f);
 PERI_DEF size_t peri_cholesky_entries(const peri_cholesky *f);
 /* Bytes held by the factor, symbolic part included. */
 PERI_DEF size_t peri_cholesky_bytes(const peri_cholesky *f);
@@ -820,40 +823,165 @@ void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps,
     }
 }
 
-/* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------ */
+/* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------
+   A = P^T L L^T P. Analysis: ordering, elimination tree, column counts, supernodes, panels. Numbers: panel by panel,
+   left-looking, in registers. */
 #ifndef PERI_NO_CHOLESKY
 
-#define PERI__LEAF 32  /* vertices that are not worth dissecting */
-#define PERI__BINS 256 /* of a histogram of positions */
-#define PERI__WIDE 4   /* columns that the inner loops handle together */
+/* -- a register full of reals; one real where the compiler has no such type -- */
 
-/* A = P^T L L^T P. Columns of L with the same rows below them form a supernode: one list of rows (its own columns
-   first) serves all; column c of a supernode is a run of values for the rows from the c-th on, first its own row,
-   whose entry is stored inverted. */
+#if defined(__GNUC__) || defined(__clang__)
+#if defined(__AVX512F__)
+#define PERI__VECTOR 64 /* bytes */
+#define PERI__TILE 8    /* columns that a tile of accumulators has: two registers each must fit */
+#elif defined(__AVX__)
+#define PERI__VECTOR 32
+#define PERI__TILE 4
+#elif defined(__SSE2__) || defined(__ARM_NEON) || defined(__wasm_simd128__) || defined(__VSX__)
+#define PERI__VECTOR 16
+#define PERI__TILE 4
+#endif
+#define PERI__INLINE static inline __attribute__((always_inline, unused))
+#else
+#define PERI__INLINE static
+#endif
+#ifdef PERI__VECTOR
+typedef peri_real peri__vec __attribute__((vector_size(PERI__VECTOR), may_alias));
+#define PERI__LANES ((int)(PERI__VECTOR / sizeof(peri_real)))
+#else
+typedef peri_real peri__vec;
+#define PERI__TILE 4
+#define PERI__LANES 1
+#endif
+
+#if defined(__AVX512F__) || defined(__FMA__)
+#include <immintrin.h>
+#endif
+
+PERI__INLINE peri__vec peri__splat(peri_real x) {
+#ifdef PERI__VECTOR
+    peri__vec zero = {0};
+    return zero + x;
+#else
+    return x;
+#endif
+}
+
+/* c - a b; fused where the processor has that in its baseline, whatever the compiler thinks of contraction. */
+PERI__INLINE peri__vec peri__less(peri__vec c, peri__vec a, peri__vec b) {
+#if defined(PERI__VECTOR) && defined(__AVX512F__) && defined(PERI_DOUBLE)
+    return (peri__vec)_mm512_fnmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
+#elif defined(PERI__VECTOR) && defined(__AVX512F__)
+    return (peri__vec)_mm512_fnmadd_ps((__m512)a, (__m512)b, (__m512)c);
+#elif defined(PERI__VECTOR) && defined(__FMA__) && defined(PERI_DOUBLE)
+    return (peri__vec)_mm256_fnmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
+#elif defined(PERI__VECTOR) && defined(__FMA__)
+    return (peri__vec)_mm256_fnmadd_ps((__m256)a, (__m256)b, (__m256)c);
+#else
+    return c - a * b;
+#endif
+}
+
+/* Sum of the lanes, always in the same order. */
+PERI__INLINE peri_real peri__lanes_sum(const peri_real *a) {
+    int step, k;
+    peri_real s[PERI__LANES];
+    for (k = 0; k < PERI__LANES; k++) s[k] = a[k];
+    for (step = PERI__LANES / 2; step > 0; step /= 2)
+        for (k = 0; k < step; k++) s[k] += s[k + step];
+    return s[0];
+}
+
+#define PERI__LEAF 48   /* vertices that are not worth dissecting */
+#define PERI__BINS 256  /* of a histogram of positions */
+#define PERI__WIDTH 128 /* columns of a panel, at most: a multiple of the lanes */
+#define PERI__PARTS 4   /* groups of subtrees of the elimination tree that may run at once */
+
+/* Columns of L with the same rows below them form a supernode, and PERI__WIDTH columns of it at most a panel: column c
+   of the panel has the rows[row + k], k < height, of which the first `width` are the panel's own columns. Its values
+   stand in blocks of PERI__LANES rows, in a block column by column: entry (k, c) is value[at + (k / lanes * width + c) *
+   lanes + k % lanes]. What lies on the diagonal and above is 0; the inverse of the diagonal stands apart. */
+typedef struct peri__panel {
+    int first, width, height;
+    int inner;                  /* rows of its own part; the others are of the top */
+    int part;                   /* which part it runs in; PERI__PARTS: the top, after all of them */
+    size_t row, at;
+} peri__panel;
+
+/* Panel `from` has, from its row k on, rows among the columns of the panel whose list this stands in. */
+typedef struct peri__pair {
+    int from, row;
+} peri__pair;
+
+/* What a pattern says: shared by all factors of matrices that have it. One block. */
+typedef struct peri__symbolic {
+    peri_allocator memory;
+    size_t bytes;
+    uint64_t pattern;           /* hash of the pattern analysed */
+    int users, n, panels, tallest;
+    int part[PERI__PARTS + 1];  /* first column of a part */
+    size_t bytes_rows, bytes_pair;
+    size_t entries;             /* of L, without zeros that make supernodes wider */
+    size_t values;              /* reals that L takes */
+    double operations;
+    int *order, *place;         /* the row of a that comes k-th, and where row i of a went */
+    int *rows;
+    peri__panel *panel;
+    size_t *pairs;              /* panels + 1: where the list of a panel begins */
+    peri__pair *pair;
+} peri__symbolic;
+
 struct peri_cholesky {
     peri_allocator memory;
-    size_t bytes, bytes_column, bytes_rows, bytes_value;
-    size_t entries;
-    uint64_t pattern;       /* hash of the pattern analysed */
-    int n, supers, ready;
-    int *order, *place;     /* the row of a that comes k-th, and where row i of a went */
-    int *parent, *super;    /* elimination tree; supernode of a column */
-    int *first;             /* supers + 1: first column of a supernode */
-    int *head, *next, *seen; /* scratch: lists of supernodes by the next row to update */
-    size_t *list;           /* supers + 1: where the rows of a supernode begin */
-    size_t *start;          /* n + 1: where the values of a column begin */
-    int *rows;
-    peri_real *value;
-    double *work, *sum;     /* scratch: a column of L, in the making */
+    peri__symbolic *s;
+    size_t bytes;
+    int ready, failed;          /* failed: the row whose pivot was not positive, or -1 */
+    double pivot;
+    peri_real *value;           /* aligned to a register */
+    peri_real *inverse;         /* n: of the diagonal of L */
+    char *block, *scratch;
 };
 
-/* FNV-1a over rows and columns: a factor refuses a matrix with other entries. */
+/* What a part needs to work: where each row stands in the panel in the making, and small blocks that stay in cache. */
+typedef struct peri__bench {
+    peri_real *tile;    /* 2 * PERI__TILE registers: products on their way to scattered rows */
+    peri_real *right;   /* PERI__WIDTH * PERI__TILE: rows of the other factor, side by side */
+    int *place;         /* n: offset of a row in the panel */
+} peri__bench;
+
+#define PERI__TILE_BYTES (2 * PERI__TILE * PERI__LANES * sizeof(peri_real))
+#define PERI__RIGHT_BYTES (PERI__WIDTH * PERI__TILE * sizeof(peri_real))
+
+static size_t peri__align(size_t bytes) { return (bytes + 63) / 64 * 64; }
+
+static size_t peri__bench_bytes(const peri__symbolic *s) {
+    return peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES) + (size_t)s->n * sizeof(int);
+}
+
+static peri__bench peri__bench_of(const peri_cholesky *f, int part) {
+    char *at = f->scratch + peri__align(peri__bench_bytes(f->s)) * (size_t)part;
+    peri__bench w;
+    w.tile = (peri_real *)(void *)at;
+    w.right = (peri_real *)(void *)(at + peri__align(PERI__TILE_BYTES));
+    w.place = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
+    return w;
+}
+
+/* FNV-1a by words, four side by side: a factor refuses a matrix with other entries. */
+static uint64_t peri__hash_ints(uint64_t seed, const int *v, int n) {
+    uint64_t h[4], hash = seed;
+    int i, k;
+    for (k = 0; k < 4; k++) h[k] = seed + (uint64_t)k;
+    for (i = 0; i + 4 <= n; i += 4)
+        for (k = 0; k < 4; k++) h[k] = (h[k] ^ (uint32_t)v[i + k]) * 1099511628211ULL;
+    for (; i < n; i++) h[0] = (h[0] ^ (uint32_t)v[i]) * 1099511628211ULL;
+    for (k = 0; k < 4; k++) hash = (hash ^ (h[k] >> 32) ^ h[k]) * 1099511628211ULL;
+    return hash;
+}
+
 static uint64_t peri__pattern(const peri_matrix *a) {
     uint64_t hash = 14695981039346656037ULL;
-    int i;
-    for (i = 0; i < a->n; i++) hash = (hash ^ (uint32_t)a->row[i + 1]) * 1099511628211ULL;
-    for (i = 0; a->n > 0 && i < a->row[a->n]; i++) hash = (hash ^ (uint32_t)a->col[i]) * 1099511628211ULL;
-    return hash;
+    return a->n > 0 ? peri__hash_ints(peri__hash_ints(hash, a->row + 1, a->n), a->col, a->row[a->n]) : hash;
 }
 
 static int peri__stores(const peri_matrix *a, int i, int j) {
@@ -865,8 +993,23 @@ static int peri__stores(const peri_matrix *a, int i, int j) {
     return low < a->row[i + 1] && a->col[low] == j;
 }
 
-static peri_result peri__check_pattern(const peri_matrix *a, peri_error *err) {
-    int i, k;
+/* Rows in order meet the entries of every column in order, so that each finds its mirror image in one pass. Returns
+   the row whose entry *k has none, or n. */
+static int peri__asymmetric(const peri_matrix *a, int *next, int *k) {
+    int i;
+    for (i = 0; i < a->n; i++) next[i] = a->row[i];
+    for (i = 0; i < a->n; i++)
+        for (*k = a->row[i]; *k < a->row[i + 1]; ++*k) {
+            int j = a->col[*k];
+            if (next[j] >= a->row[j + 1] || a->col[next[j]] != i) return i;
+            next[j]++;
+        }
+    return a->n;
+}
+
+static peri_result peri__check_pattern(const peri_matrix *a, const peri_allocator *memory, peri_error *err) {
+    size_t bytes = (size_t)(a->n > 0 ? a->n : 1) * sizeof(int);
+    int i, k, *next;
     if (a->n < 0) return peri__fail(err, PERI_ERROR_INDEX, "matrix: n is %d; it must not be negative", a->n);
     if (a->n == 0) return PERI_OK;
     if (!a->row) return peri__fail(err, PERI_ERROR_ARGUMENT, "matrix: row is NULL; it must hold n + 1 numbers");
@@ -891,7 +1034,12 @@ static peri_result peri__check_pattern(const peri_matrix *a, peri_error *err) {
                                   "matrix: row %d stores column %d after column %d; columns must ascend", i, j,
                                   a->col[k - 1]);
         }
-    for (i = 0; i < a->n; i++)
+    next = (int *)peri__resize(memory, NULL, 0, bytes);
+    if (!next) return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory to check %d rows", a->n);
+    i = peri__asymmetric(a, next, &k);
+    peri__resize(memory, next, bytes, 0);
+    if (i == a->n) return PERI_OK;
+    for (i = 0; i < a->n; i++) /* the first that lacks its mirror image, which need not be where that showed */
         for (k = a->row[i]; k < a->row[i + 1]; k++)
             if (!peri__stores(a, a->col[k], i))
                 return peri__fail(err, PERI_ERROR_INDEX,
@@ -906,6 +1054,7 @@ typedef struct peri__dissection {
     const peri_matrix *a;
     const peri_real *xyz;
     int *order, *spare, *part; /* part[v] is one stamp for side A of the last cut of v, the next stamp for side B */
+    unsigned char *halo;       /* 1: in a separator */
     int stamp;
 } peri__dissection;
 
@@ -981,33 +1130,40 @@ static void peri__separate(peri__dissection *d, int begin, int end, int size[2])
 /* A side has at most 3/4 of the vertices: the recursion is shallow. */
 static void peri__dissect(peri__dissection *d, int begin, int end) {
     while (end - begin > PERI__LEAF) {
-        int size[2];
+        int size[2], k;
         d->stamp += 2;
         peri__cut(d, begin, end);
         peri__separate(d, begin, end, size);
+        for (k = begin + size[0] + size[1]; k < end; k++) d->halo[d->order[k]] = 1;
         peri__dissect(d, begin, begin + size[0]);
         begin += size[0];
         end = begin + size[1];
     }
 }
 
-/* -- ordering: approximate minimum degree on the quotient graph (Amestoy, Davis & Duff 1996), without their
-   supervariables -- */
+/* -- ordering, second part: approximate minimum degree on the quotient graph (Amestoy, Davis & Duff 1996), of the
+   vertices that dissection left together. The others, the separators, come last as they are, but count as neighbours:
+   so leaves are ordered with their halo in view (Pellegrini, Roman & Amestoy 2000). -- */
 
 enum { PERI__VARIABLE, PERI__ELEMENT, PERI__ABSORBED };
 
-/* The pool holds, for a variable, its neighbours and then its elements; for an element, its variables. */
+/* The pool holds, for a variable, its neighbours and then its elements; for an element, its variables. Variables that
+   cannot be told apart are one, of their common weight; what was absorbed has weight 0. */
 typedef struct peri__degrees {
-    int n, done, lowest, stamp;
-    int *head, *next, *prev, *degree; /* variables by degree: doubly linked */
-    int *kind, *size, *elements;      /* size: all entries in the pool; elements: how many of them are elements */
-    int *seen, *outside;              /* outside: variables of an element that the new element does not have */
+    int n, left, lowest, stamp, mark, pivots;   /* left: weight not eliminated */
+    int *head, *next, *prev, *degree;           /* variables by degree: doubly linked; degree of an element: its weight */
+    int *kind, *size, *elements, *weight;       /* size: all entries in the pool; elements: how many of them are */
+    int *seen, *outside, *marked;               /* outside: weight of an element that the new element does not have */
+    int *follow, *last;                         /* chains of variables that are one */
+    int *hash;                                  /* head of the variables with one hash */
+    const unsigned char *halo;
     int *order, *pool;
-    size_t *begin, used, room;
+    size_t *begin, used;
 } peri__degrees;
 
 static void peri__degree_insert(peri__degrees *d, int v, int degree) {
     d->degree[v] = degree;
+    if (d->halo[v]) return;
     d->prev[v] = -1;
     d->next[v] = d->head[degree];
     if (d->head[degree] >= 0) d->prev[d->head[degree]] = v;
@@ -1016,6 +1172,7 @@ static void peri__degree_insert(peri__degrees *d, int v, int degree) {
 }
 
 static void peri__degree_remove(peri__degrees *d, int v) {
+    if (d->halo[v]) return;
     if (d->prev[v] >= 0) d->next[d->prev[v]] = d->next[v]; else d->head[d->degree[v]] = d->next[v];
     if (d->next[v] >= 0) d->prev[d->next[v]] = d->prev[v];
 }
@@ -1024,7 +1181,7 @@ static void peri__degree_remove(peri__degrees *d, int v) {
 static void peri__degree_compact(peri__degrees *d) {
     int v, k;
     d->used = 0;
-    for (k = 0; k < d->n + d->done; k++) {
+    for (k = 0; k < d->n + d->pivots; k++) {
         v = k < d->n ? k : d->order[k - d->n];
         if (d->kind[v] != (k < d->n ? PERI__VARIABLE : PERI__ELEMENT)) continue;
         memmove(d->pool + d->used, d->pool + d->begin[v], (size_t)d->size[v] * sizeof *d->pool);
@@ -1037,601 +1194,1115 @@ static void peri__degree_compact(peri__degrees *d) {
 static void peri__degree_element(peri__degrees *d, int p) {
     const int *list = d->pool + d->begin[p];
     int *out = d->pool + d->used;
-    int k, m, size = 0, plain = d->size[p] - d->elements[p];
+    int k, m, size = 0, weight = 0, plain = d->size[p] - d->elements[p];
     d->seen[p] = ++d->stamp;
     for (k = 0; k < d->size[p]; k++) {
         const int *from = k < plain ? list + k : d->pool + d->begin[list[k]];
         int count = k < plain ? 1 : d->size[list[k]];
-        for (m = 0; m < count; m++)
-            if (d->seen[from[m]] != d->stamp) {
-                d->seen[from[m]] = d->stamp;
-                out[size++] = from[m];
-            }
+        if (k >= plain && d->kind[list[k]] != PERI__ELEMENT) continue;
+        for (m = 0; m < count; m++) {
+            int v = from[m];
+            if (d->seen[v] == d->stamp || d->weight[v] == 0) continue;
+            d->seen[v] = d->stamp;
+            weight += d->weight[v];
+            out[size++] = v;
+        }
         if (k >= plain) d->kind[list[k]] = PERI__ABSORBED;
     }
     d->kind[p] = PERI__ELEMENT;
     d->begin[p] = d->used;
     d->size[p] = size;
+    d->degree[p] = weight;
     d->used += (size_t)size;
 }
 
-/* Rewrites the lists of variable v of the new element p, and bounds its degree from above. An element that lies
-   inside p goes. The list never grows: p takes the place of what led to v. */
-static void peri__degree_update(peri__degrees *d, int v, int p) {
+/* For every element next to the new one, the weight of what it has outside. */
+static void peri__degree_outside(peri__degrees *d, int p) {
+    int k, m;
+    for (k = 0; k < d->size[p]; k++) {
+        int v = d->pool[d->begin[p] + (size_t)k];
+        const int *from = d->pool + d->begin[v];
+        for (m = d->size[v] - d->elements[v]; m < d->size[v]; m++) {
+            int e = from[m];
+            if (d->kind[e] != PERI__ELEMENT) continue;
+            if (d->seen[e] != d->stamp) {
+                d->seen[e] = d->stamp;
+                d->outside[e] = d->degree[e];
+            }
+            d->outside[e] -= d->weight[v];
+        }
+    }
+}
+
+/* Rewrites the lists of variable v of the new element p, and bounds its degree outside p from above. An element that
+   lies inside p goes. The list never grows: p takes the place of what led to v. *hash: of the list. */
+static void peri__degree_update(peri__degrees *d, int v, int p, uint32_t *hash) {
     int *list = d->pool + d->begin[v];
-    int k, kept = 0, plain = d->size[v] - d->elements[v], rest = d->size[p] - 1;
-    int most = d->n - d->done - 2, grown = d->degree[v] + rest, degree = rest;
-    for (k = 0; k < plain; k++)
-        if (d->seen[list[k]] != d->stamp) list[kept++] = list[k];
-    degree += kept;
+    int k, kept = 0, plain = d->size[v] - d->elements[v];
+    double degree = 0;
+    uint32_t sum = (uint32_t)p;
+    for (k = 0; k < plain; k++) {
+        if (d->seen[list[k]] == d->stamp || d->weight[list[k]] == 0) continue;
+        degree += d->weight[list[k]];
+        sum += (uint32_t)list[k];
+        list[kept++] = list[k];
+    }
     plain = kept;
-    for (; k < d->size[v]; k++) {
+    for (k = d->size[v] - d->elements[v]; k < d->size[v]; k++) {
         int e = list[k];
-        if (d->kind[e] != PERI__ELEMENT) continue;
+        if (d->kind[e] != PERI__ELEMENT || e == p) continue;
         if (d->outside[e] == 0) {
             d->kind[e] = PERI__ABSORBED;
             continue;
         }
-        degree = d->outside[e] < most - degree ? degree + d->outside[e] : most;
+        degree += d->outside[e];
+        sum += (uint32_t)e;
         list[kept++] = e;
     }
     list[kept++] = p;
     d->size[v] = kept;
     d->elements[v] = kept - plain;
-    peri__degree_insert(d, v, degree < grown ? degree : grown);
+    d->outside[v] = degree < d->n ? (int)degree : d->n;
+    *hash = sum;
+}
+
+/* b becomes part of a. */
+static void peri__degree_join(peri__degrees *d, int a, int b) {
+    d->follow[d->last[a]] = b;
+    d->last[a] = d->last[b];
+    if (d->kind[a] == PERI__VARIABLE) d->weight[a] += d->weight[b];
+    d->weight[b] = 0;
+    d->kind[b] = PERI__ABSORBED;
+}
+
+/* Among the variables of one bucket, v first, joins to v those whose lists are the same. */
+static void peri__degree_alike(peri__degrees *d, int v) {
+    int k, u, before = v;
+    d->mark++;
+    for (k = 0; k < d->size[v]; k++) d->marked[d->pool[d->begin[v] + (size_t)k]] = d->mark;
+    for (u = d->next[v]; u >= 0; u = d->next[u]) {
+        int same = d->size[u] == d->size[v] && d->elements[u] == d->elements[v] && d->halo[u] == d->halo[v];
+        for (k = 0; k < d->size[u] && same; k++) same = d->marked[d->pool[d->begin[u] + (size_t)k]] == d->mark;
+        if (same) {
+            peri__degree_join(d, v, u);
+            d->next[before] = d->next[u];
+        } else {
+            before = u;
+        }
+    }
 }
 
 static void peri__degree_eliminate(peri__degrees *d, int p) {
-    const int *list;
-    int k, m, size;
+    int *list, k, v, kept = 0, size;
     peri__degree_remove(d, p);
-    if (d->used + (size_t)(d->n - d->done) > d->room) peri__degree_compact(d);
+    d->left -= d->weight[p];
     peri__degree_element(d, p);
+    peri__degree_outside(d, p);
     list = d->pool + d->begin[p];
     size = d->size[p];
-    for (k = 0; k < size; k++) {
-        const int *from = d->pool + d->begin[list[k]];
-        for (m = d->size[list[k]] - d->elements[list[k]]; m < d->size[list[k]]; m++) {
-            int e = from[m];
-            if (d->kind[e] != PERI__ELEMENT) continue;
-            if (d->seen[e] != d->stamp) {
-                d->seen[e] = d->stamp;
-                d->outside[e] = d->size[e];
-            }
-            d->outside[e]--;
-        }
-    }
     for (k = 0; k < size; k++) peri__degree_remove(d, list[k]);
-    for (k = 0; k < size; k++) peri__degree_update(d, list[k], p);
-    d->order[d->done++] = p;
+    for (k = 0; k < size; k++) {
+        uint32_t hash;
+        v = list[k];
+        peri__degree_update(d, v, p, &hash);
+        if (d->size[v] == 1 && !d->halo[v]) { /* nothing but p: it goes with p, without more fill */
+            d->left -= d->weight[v];
+            d->degree[p] -= d->weight[v];
+            peri__degree_join(d, p, v);
+            continue;
+        }
+        hash %= (uint32_t)d->n;
+        d->prev[v] = (int)hash;
+        d->next[v] = d->hash[hash];
+        d->hash[hash] = v;
+    }
+    for (k = 0; k < size; k++) { /* each bucket once */
+        int u;
+        if (d->weight[list[k]] == 0) continue;
+        u = d->hash[d->prev[list[k]]];
+        d->hash[d->prev[list[k]]] = -1;
+        for (; u >= 0; u = d->next[u]) peri__degree_alike(d, u);
+    }
+    for (k = 0; k < size; k++) {
+        int rest, degree;
+        v = list[k];
+        if (d->weight[v] == 0) continue;
+        list[kept++] = v;
+        rest = d->degree[p] - d->weight[v];
+        degree = d->outside[v] < d->degree[v] ? d->outside[v] : d->degree[v];
+        degree = degree < d->left - d->weight[v] - rest ? degree : d->left - d->weight[v] - rest;
+        peri__degree_insert(d, v, (degree > 0 ? degree : 0) + rest);
+    }
+    d->size[p] = kept;
+    d->used = d->begin[p] + (size_t)kept;
+    d->order[d->pivots++] = p;
 }
 
-/* Orders by minimum degree; 0 when memory runs out. */
-static int peri__minimum_degree(const peri_matrix *a, const peri_allocator *memory, int *order) {
+/* Orders the vertices whose halo is 0 by minimum degree, into order; 0 when memory runs out. */
+static int peri__minimum_degree(const peri_matrix *a, const unsigned char *halo, const peri_allocator *memory,
+                                int *order) {
     peri__degrees d;
-    size_t bytes, n = (size_t)a->n, pool = (size_t)a->row[a->n];
-    void *block;
-    int v, k;
-    d.room = pool + pool / 4 + n;
-    bytes = n * sizeof(size_t) + (9 * n + d.room) * sizeof(int);
-    if ((double)bytes < (double)n * 40 + (double)pool * 5) return 0; /* 32 bits */
-    block = peri__resize(memory, NULL, 0, bytes);
-    if (!block) return 0;
-    d.begin = (size_t *)block;
-    d.head = (int *)(d.begin + n);
-    d.next = d.head + n;
-    d.prev = d.next + n;
-    d.degree = d.prev + n;
-    d.kind = d.degree + n;
-    d.size = d.kind + n;
-    d.elements = d.size + n;
-    d.seen = d.elements + n;
-    d.outside = d.seen + n;
-    d.pool = d.outside + n;
-    d.n = a->n;
-    d.done = d.lowest = d.stamp = 0;
-    d.order = order;
+    size_t bytes, n = (size_t)a->n, pool = (size_t)a->row[a->n], room = pool + pool / 4 + 2 * n;
+    int v, k, done = 0, *block;
+    memset(&d, 0, sizeof d);
+    bytes = n * sizeof(size_t) + (15 * n + room) * sizeof(int);
+    if ((double)bytes < (double)n * 60 + (double)pool * 5) return 0; /* 32 bits */
+    d.begin = (size_t *)peri__resize(memory, NULL, 0, bytes);
+    if (!d.begin) return 0;
+    block = (int *)(d.begin + n);
+    d.head = block;
+    d.next = block + n;
+    d.prev = block + 2 * n;
+    d.degree = block + 3 * n;
+    d.kind = block + 4 * n;
+    d.size = block + 5 * n;
+    d.elements = block + 6 * n;
+    d.weight = block + 7 * n;
+    d.seen = block + 8 * n;
+    d.outside = block + 9 * n;
+    d.marked = block + 10 * n;
+    d.follow = block + 11 * n;
+    d.last = block + 12 * n;
+    d.hash = block + 13 * n;
+    d.order = block + 14 * n;
+    d.pool = block + 15 * n;
+    d.n = d.left = a->n;
+    d.halo = halo;
     d.used = pool;
     if (pool) memcpy(d.pool, a->col, pool * sizeof *d.pool);
     for (v = 0; v < d.n; v++) {
-        d.head[v] = -1;
+        d.head[v] = d.hash[v] = d.follow[v] = -1;
+        d.last[v] = v;
+        d.weight[v] = 1;
         d.kind[v] = PERI__VARIABLE;
-        d.elements[v] = d.seen[v] = 0;
+        d.elements[v] = d.seen[v] = d.marked[v] = 0;
         d.begin[v] = (size_t)a->row[v];
         d.size[v] = a->row[v + 1] - a->row[v];
     }
     for (v = d.n - 1; v >= 0; v--) peri__degree_insert(&d, v, d.size[v]);
-    d.lowest = 0;
-    for (k = 0; k < d.n; k++) {
-        while (d.head[d.lowest] < 0) d.lowest++;
+    for (d.lowest = 0; d.lowest < d.n;) {
+        if (d.head[d.lowest] < 0) {
+            d.lowest++;
+            continue;
+        }
+        if (d.used + (size_t)d.left > room) peri__degree_compact(&d);
         peri__degree_eliminate(&d, d.head[d.lowest]);
     }
-    peri__resize(memory, block, bytes, 0);
+    for (k = 0; k < d.pivots; k++)
+        for (v = d.order[k]; v >= 0; v = d.follow[v]) order[done++] = v;
+    peri__resize(memory, d.begin, bytes, 0);
     return 1;
 }
 
-/* -- analysis: elimination tree, column counts, supernodes -- */
+/* -- analysis: elimination tree, column counts, supernodes, panels -- */
+
+/* A supernode in the making. */
+typedef struct peri__group {
+    int first, width, height, up, part;
+    double zeros, cost;     /* entries that are explicitly 0; operations of its subtree */
+} peri__group;
+
+/* Scratch of the analysis, n or n + 1 numbers each. */
+typedef struct peri__plan {
+    peri_cholesky *f;
+    peri__symbolic *s;
+    const peri_matrix *a;
+    int n, count_groups;
+    peri__group *groups, *sorted;       /* supernodes; room for them in another order */
+    size_t *list;                       /* of groups: where their rows begin */
+    int *order, *place;                 /* of s */
+    int *parent, *count, *group;        /* of a column */
+    int *u, *v, *w, *z;                 /* free for each pass */
+    unsigned char *halo;
+} peri__plan;
 
 /* Liu 1990; Davis, "Direct Methods for Sparse Linear Systems", section 4.1. ancestor: path compression. */
-static void peri__tree(peri_cholesky *f, const peri_matrix *a, int *ancestor) {
+static void peri__tree(const peri__plan *p, int *ancestor) {
     int i, e;
-    for (i = 0; i < f->n; i++) f->place[f->order[i]] = i;
-    for (i = 0; i < f->n; i++) {
-        int row = f->order[i];
-        f->parent[i] = ancestor[i] = -1;
-        for (e = a->row[row]; e < a->row[row + 1]; e++) {
-            int k = f->place[a->col[e]];
+    for (i = 0; i < p->n; i++) p->place[p->order[i]] = i;
+    for (i = 0; i < p->n; i++) {
+        int row = p->order[i];
+        p->parent[i] = ancestor[i] = -1;
+        for (e = p->a->row[row]; e < p->a->row[row + 1]; e++) {
+            int k = p->place[p->a->col[e]];
             while (k >= 0 && k < i) {
                 int up = ancestor[k];
                 ancestor[k] = i;
-                if (up < 0) f->parent[k] = i;
+                if (up < 0) p->parent[k] = i;
                 k = up;
             }
         }
     }
 }
 
-/* Renumbers the tree depth first, so that the columns of a supernode become neighbours. child, sibling, spare: n. */
-static void peri__postorder(peri_cholesky *f, int *child, int *sibling, int *spare) {
+/* Column i becomes name[i]. */
+static void peri__rename(const peri__plan *p, const int *name, int *spare) {
+    int i;
+    for (i = 0; i < p->n; i++) spare[name[i]] = p->parent[i] < 0 ? -1 : name[p->parent[i]];
+    memcpy(p->parent, spare, (size_t)p->n * sizeof *spare);
+    for (i = 0; i < p->n; i++) spare[name[i]] = p->order[i];
+    memcpy(p->order, spare, (size_t)p->n * sizeof *spare);
+    for (i = 0; i < p->n; i++) p->place[p->order[i]] = i;
+}
+
+/* Renumbers the tree depth first, so that the columns of a supernode become neighbours. */
+static void peri__postorder(const peri__plan *p, int *child, int *sibling, int *name) {
     int i, done = 0;
-    for (i = 0; i < f->n; i++) child[i] = -1;
-    for (i = f->n - 1; i >= 0; i--) {
-        int up = f->parent[i];
+    for (i = 0; i < p->n; i++) child[i] = -1;
+    for (i = p->n - 1; i >= 0; i--) {
+        int up = p->parent[i];
         if (up < 0) continue;
         sibling[i] = child[up];
         child[up] = i;
     }
-    for (i = 0; i < f->n; i++) {
+    for (i = 0; i < p->n; i++) {
         int k = i;
-        if (f->parent[i] >= 0) continue;
+        if (p->parent[i] >= 0) continue;
         while (k >= 0) { /* down to a leaf, or take k and go back up */
             int down = child[k];
             if (down >= 0) {
                 child[k] = sibling[down];
                 k = down;
             } else {
-                spare[done++] = f->order[k];
-                k = f->parent[k];
+                name[k] = done++;
+                k = p->parent[k];
             }
         }
     }
-    memcpy(f->order, spare, (size_t)f->n * sizeof *spare);
+    peri__rename(p, name, sibling);
 }
 
-/* Entries of each column: row i of L is the part of the tree between the entries of row i of A and i (Davis, section
-   4.2). A walk takes time in proportion to the entries of L, which the factorisation dwarfs. */
-static void peri__count(const peri_cholesky *f, const peri_matrix *a, int *count, int *seen) {
-    int i, e;
-    for (i = 0; i < f->n; i++) {
-        int row = f->order[i];
-        seen[i] = i;
-        count[i] = 1;
-        for (e = a->row[row]; e < a->row[row + 1]; e++) {
-            int k = f->place[a->col[e]];
-            if (k > i) continue;
-            for (; seen[k] != i; k = f->parent[k]) {
-                seen[k] = i;
-                count[k]++;
+/* Entries of each column (Gilbert, Ng & Peyton 1994): row i of L is a subtree whose leaves are entries of A; a column
+   has one entry for each leaf below it, less one wherever two of a row's paths meet. low: first descendant;
+   last: the leaf of row i before, and where its first descendant was; root: of the tree so far, compressed. */
+static void peri__count(const peri__plan *p, int *low, int *last, int *before, int *root) {
+    int *count = p->count;
+    int i, j, k, e;
+    for (i = 0; i < p->n; i++) {
+        low[i] = last[i] = before[i] = -1;
+        root[i] = i;
+    }
+    for (k = 0; k < p->n; k++) {
+        count[k] = low[k] < 0; /* a leaf of the tree */
+        for (j = k; j >= 0 && low[j] < 0; j = p->parent[j]) low[j] = k;
+    }
+    for (j = 0; j < p->n; j++) {
+        int row = p->order[j];
+        if (p->parent[j] >= 0) count[p->parent[j]]--;
+        for (e = p->a->row[row]; e < p->a->row[row + 1]; e++) {
+            i = p->place[p->a->col[e]];
+            if (i <= j || low[j] <= last[i]) continue; /* not a leaf of row i */
+            last[i] = low[j];
+            count[j]++;
+            if (before[i] >= 0) { /* the paths meet in the root of the leaf before */
+                int meet = before[i], next;
+                while (meet != root[meet]) meet = root[meet];
+                for (k = before[i]; k != meet; k = next) {
+                    next = root[k];
+                    root[k] = meet;
+                }
+                count[meet]--;
             }
+            before[i] = j;
         }
+        if (p->parent[j] >= 0) root[j] = p->parent[j];
+    }
+    for (j = 0; j < p->n; j++)
+        if (p->parent[j] >= 0) count[p->parent[j]] += count[j];
+}
+
+/* Is a supernode of `width` columns worth it, with `zeros` of its `entries` explicit? Wider panels run faster; what is
+   narrow costs more than zeros do. */
+static int peri__worthwhile(int width, double zeros, double entries) {
+    double share = zeros / entries;
+    return zeros <= 0 || width <= 4 || (width <= 16 && share < 0.5) || (width <= 48 && share < 0.12) || share < 0.04;
+}
+
+/* Supernode g joins the one after, its parent, where the zeros that it takes on are few (Ashcraft & Grimes 1989). */
+static void peri__relax(const peri__plan *p, peri__group *g) {
+    int up = p->parent[g->first + g->width - 1], w = g->width + g[1].width, h = g->width + g[1].height;
+    double zeros = g[1].zeros + (double)g->width * (h - g->height);
+    if (up < 0 || up >= g[1].first + g[1].width) return;
+    if (!peri__worthwhile(w, zeros, (double)w * (w + 1) / 2 + (double)w * (h - w))) return;
+    g->width = w;
+    g->height = h;
+    g->zeros = zeros;
+    g[1].width = 0;
+}
+
+/* A column joins the one before when that is its child with just one row more; then supernodes join, the last first. */
+static void peri__supernodes(peri__plan *p) {
+    peri__group *g = p->groups;
+    int j, k, total = 0, kept = 0;
+    for (j = 0; j < p->n; j++) {
+        if (j == 0 || p->parent[j - 1] != j || p->count[j - 1] != p->count[j] + 1) {
+            g[total].first = j;
+            g[total].height = p->count[j];
+            g[total].width = 0;
+            g[total++].zeros = 0;
+        }
+        g[total - 1].width++;
+    }
+    for (k = total - 2; k >= 0; k--) peri__relax(p, g + k);
+    for (k = 0; k < total; k++)
+        if (g[k].width) g[kept++] = g[k];
+    p->count_groups = kept;
+}
+
+/* Names, parents and costs of the supernodes. */
+static void peri__groups_link(peri__plan *p) {
+    peri__group *g = p->groups;
+    int j, k;
+    for (k = 0; k < p->count_groups; k++)
+        for (j = 0; j < g[k].width; j++) p->group[g[k].first + j] = k;
+    for (k = 0; k < p->count_groups; k++) g[k].cost = 0;
+    for (k = 0; k < p->count_groups; k++) {
+        int up = p->parent[g[k].first + g[k].width - 1];
+        for (j = 0; j < g[k].width; j++)
+            g[k].cost += (double)p->count[g[k].first + j] * p->count[g[k].first + j];
+        g[k].up = up < 0 ? -1 : p->group[up];
+        if (up >= 0) g[g[k].up].cost += g[k].cost;
     }
 }
 
-/* A column joins the one before when that is its child with just one row more: then it has the same rows below. */
-static void peri__supernodes(peri_cholesky *f, const int *count) {
-    int j;
-    size_t entries = 0, rows = 0;
-    f->supers = 0;
-    for (j = 0; j < f->n; j++) {
-        if (j == 0 || f->parent[j - 1] != j || count[j - 1] != count[j] + 1) {
-            f->first[f->supers] = j;
-            f->list[f->supers++] = rows;
-            rows += (size_t)count[j];
+/* Shares the tree out: supernodes whose subtree takes more than a piece of the work run after all others, as part
+   PERI__PARTS; each subtree below them goes to whichever part has least. */
+static void peri__share(peri__plan *p) {
+    peri__group *g = p->groups;
+    double load[PERI__PARTS] = {0}, total = 0;
+    int k, part, top = 0;
+    for (k = 0; k < p->count_groups; k++) total += g[k].up < 0 ? g[k].cost : 0;
+    for (k = p->count_groups - 1; k >= 0; k--) {
+        g[k].part = g[k].up >= 0 ? g[g[k].up].part : PERI__PARTS;
+        if (g[k].part == PERI__PARTS && total > 1e6 && g[k].cost <= total / (3 * PERI__PARTS)) {
+            for (g[k].part = 0, part = 1; part < PERI__PARTS; part++)
+                if (load[part] < load[g[k].part]) g[k].part = part;
+            load[g[k].part] += g[k].cost;
         }
-        f->super[j] = f->supers - 1;
-        f->start[j] = entries;
-        entries += (size_t)count[j];
+        if (g[k].part == PERI__PARTS) top += g[k].width;
     }
-    f->first[f->supers] = f->n;
-    f->list[f->supers] = rows;
-    f->start[f->n] = f->entries = entries;
+    /* a solve has room for their sums of the top's rows as long as these are few */
+    for (k = 0; k < p->count_groups && PERI__PARTS * top > p->n; k++) g[k].part = PERI__PARTS;
+}
+
+/* Renumbers columns so that parts come one after another. */
+static void peri__parts(peri__plan *p) {
+    peri__group *sorted = p->sorted;
+    int k, j, part, kept = 0, done = 0;
+    for (part = 0; part <= PERI__PARTS; part++) {
+        p->s->part[part] = done;
+        for (k = 0; k < p->count_groups; k++) {
+            if (p->groups[k].part != part) continue;
+            for (j = 0; j < p->groups[k].width; j++) p->u[p->groups[k].first + j] = done++;
+            sorted[kept] = p->groups[k];
+            sorted[kept].first = done - sorted[kept].width;
+            kept++;
+        }
+    }
+    memcpy(p->groups, sorted, (size_t)kept * sizeof *sorted);
+    for (k = 0; k < p->n; k++) p->v[p->u[k]] = p->count[k];
+    memcpy(p->count, p->v, (size_t)p->n * sizeof *p->v);
+    peri__rename(p, p->u, p->v);
+    peri__groups_link(p);
 }
 
 /* Rows of each supernode. Taking the rows of A in order keeps every list sorted. size, seen: one per supernode. */
-static void peri__rows(peri_cholesky *f, const peri_matrix *a, int *size, int *seen) {
-    int i, s, e;
-    for (s = 0; s < f->supers; s++) {
-        int *rows = f->rows + f->list[s];
-        size[s] = f->first[s + 1] - f->first[s];
-        seen[s] = -1;
-        for (i = 0; i < size[s]; i++) rows[i] = f->first[s] + i;
+static void peri__rows(const peri__plan *p, const size_t *list, int *size, int *seen) {
+    int i, k, e;
+    for (k = 0; k < p->count_groups; k++) {
+        int *rows = p->s->rows + list[k];
+        size[k] = p->groups[k].width;
+        seen[k] = -1;
+        for (i = 0; i < size[k]; i++) rows[i] = p->groups[k].first + i;
     }
-    for (i = 0; i < f->n; i++) {
-        int row = f->order[i], self = f->super[i];
-        for (e = a->row[row]; e < a->row[row + 1]; e++) {
-            int k = f->place[a->col[e]];
-            if (k > i) continue;
-            for (s = f->super[k]; s != self && seen[s] != i; s = f->super[f->parent[f->first[s + 1] - 1]]) {
-                seen[s] = i;
-                f->rows[f->list[s] + (size_t)size[s]++] = i;
+    for (i = 0; i < p->n; i++) {
+        int row = p->order[i], self = p->group[i];
+        for (e = p->a->row[row]; e < p->a->row[row + 1]; e++) {
+            int j = p->place[p->a->col[e]];
+            if (j > i) continue;
+            for (k = p->group[j]; k != self && seen[k] != i; k = p->groups[k].up) {
+                seen[k] = i;
+                p->s->rows[list[k] + (size_t)size[k]++] = i;
             }
         }
     }
 }
 
-/* The arrays that have n + 1 entries, in one block: widest first, so that all are aligned. */
-static int peri__columns(peri_cholesky *f) {
-    size_t n = (size_t)f->n + 1;
-    char *block;
-    if (!peri__mul_size(n, 2 * sizeof(double) + 2 * sizeof(size_t) + 8 * sizeof(int), &f->bytes_column)) return 0;
-    block = (char *)peri__resize(&f->memory, NULL, 0, f->bytes_column);
-    if (!block) return 0;
-    f->work = (double *)(void *)block;
-    f->sum = f->work + n;
-    f->list = (size_t *)(void *)(f->sum + n);
-    f->start = f->list + n;
-    f->order = (int *)(void *)(f->start + n);
-    f->place = f->order + n;
-    f->parent = f->place + n;
-    f->super = f->parent + n;
-    f->first = f->super + n;
-    f->head = f->first + n;
-    f->next = f->head + n;
-    f->seen = f->next + n;
-    return 1;
+/* How many panels a supernode makes, and the width of all but the last: whole registers, so that blocks of rows of one
+   stand under those of the next. */
+static int peri__panels_of(const peri__group *g, int *width) {
+    int count = (g->width + PERI__WIDTH - 1) / PERI__WIDTH;
+    *width = ((g->width + count - 1) / count + PERI__LANES - 1) / PERI__LANES * PERI__LANES;
+    return (g->width + *width - 1) / *width;
 }
 
-static peri_result peri__analyse(peri_cholesky *f, const peri_matrix *a, const peri_real *xyz, peri_error *err) {
-    int i;
-    for (i = 0; i < f->n; i++) f->order[i] = i;
+static void peri__panels(const peri__plan *p, const size_t *list) {
+    peri__symbolic *s = p->s;
+    int k, c, width, count = 0;
+    size_t at = 0;
+    for (k = 0; k < p->count_groups; k++) {
+        const peri__group *g = p->groups + k;
+        peri__panels_of(g, &width);
+        for (c = 0; c < g->width; c += width) {
+            peri__panel *to = s->panel + count;
+            to->first = g->first + c;
+            to->width = g->width - c < width ? g->width - c : width;
+            to->height = g->height - c;
+            to->part = g->part;
+            to->row = list[k] + (size_t)c;
+            to->at = at;
+            at += (size_t)((to->height + PERI__LANES - 1) / PERI__LANES * PERI__LANES) * (size_t)to->width;
+            for (to->inner = to->width; to->inner < to->height && s->rows[to->row + (size_t)to->inner] < s->part[PERI__PARTS];)
+                to->inner++;
+            if (to->part == PERI__PARTS) to->inner = to->height;
+            count++;
+        }
+    }
+    s->panels = count;
+    s->values = at;
+}
+
+/* Who gives to whom: every panel hands on, to each panel that its rows below belong to. counts: one per panel. With
+   pair NULL it only counts. */
+static void peri__pairs(peri__symbolic *s, const int *panel_of, size_t *fill) {
+    int j, k;
+    size_t sum = 0;
+    for (j = 0; j <= s->panels; j++) fill[j] = 0;
+    for (j = 0; j < s->panels; j++) {
+        const peri__panel *p = s->panel + j;
+        const int *rows = s->rows + p->row;
+        for (k = p->width; k < p->height; k++) {
+            int to = panel_of[rows[k]];
+            if (k > p->width && panel_of[rows[k - 1]] == to) continue;
+            if (s->pair) {
+                s->pair[s->pairs[to] + fill[to]].from = j;
+                s->pair[s->pairs[to] + fill[to]].row = k;
+            }
+            fill[to]++;
+        }
+    }
+    for (j = 0; j <= s->panels && !s->pair; j++) {
+        s->pairs[j] = sum;
+        sum += fill[j];
+    }
+}
+
+static peri_result peri__no_memory(peri_error *err, int n) {
+    return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for the factor of %d rows", n);
+}
+
+/* Grows the symbolic factor's account by a block. */
+static void *peri__symbolic_take(peri__symbolic *s, size_t bytes) {
+    void *block = peri__resize(&s->memory, NULL, 0, bytes);
+    if (block) s->bytes += bytes;
+    return block;
+}
+
+/* Ordering, tree, counts, supernodes, parts. */
+static peri_result peri__plan_make(peri__plan *p, const peri_real *xyz, peri_error *err) {
+    int i, separators = 0;
+    for (i = 0; i < p->n; i++) {
+        p->order[i] = i;
+        p->halo[i] = 0;
+        p->v[i] = 0;
+    }
     if (xyz) {
         peri__dissection d;
-        d.a = a;
+        d.a = p->a;
         d.xyz = xyz;
-        d.order = f->order;
-        d.spare = f->next;
-        d.part = f->seen;
+        d.order = p->order;
+        d.spare = p->u;
+        d.part = p->v;
+        d.halo = p->halo;
         d.stamp = 0;
-        for (i = 0; i < f->n; i++) d.part[i] = 0;
-        peri__dissect(&d, 0, f->n);
-    } else if (f->n > 0 && !peri__minimum_degree(a, &f->memory, f->order)) {
-        return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory to order %d rows", f->n);
+        peri__dissect(&d, 0, p->n);
     }
-    peri__tree(f, a, f->head);
-    peri__postorder(f, f->head, f->next, f->seen);
-    peri__tree(f, a, f->head);
-    peri__count(f, a, f->next, f->seen);
-    peri__supernodes(f, f->next);
-    if (f->entries > 0x7fffffff)
+    for (i = 0; i < p->n; i++)
+        if (p->halo[p->order[i]]) p->w[separators++] = p->order[i];
+    if (p->n > separators && !peri__minimum_degree(p->a, p->halo, &p->s->memory, p->order))
+        return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory to order %d rows", p->n);
+    for (i = 0; i < separators; i++) p->order[p->n - separators + i] = p->w[i];
+    peri__tree(p, p->u);
+    peri__postorder(p, p->u, p->v, p->w);
+    peri__count(p, p->u, p->v, p->w, p->z);
+    for (i = 0; i < p->n; i++) {
+        p->s->entries += (size_t)p->count[i];
+        p->s->operations += (double)p->count[i] * p->count[i];
+    }
+    peri__supernodes(p);
+    peri__groups_link(p);
+    peri__share(p);
+    peri__parts(p);
+    if (p->s->entries > 0x7fffffff)
         return peri__fail(err, PERI_ERROR_LIMIT, "cholesky: the factor of %d rows would have %.0f entries, above 2^31",
-                          f->n, (double)f->entries);
-    if (!peri__mul_size(f->list[f->supers] + 1, sizeof *f->rows, &f->bytes_rows) ||
-        (f->rows = (int *)peri__resize(&f->memory, NULL, 0, f->bytes_rows)) == NULL ||
-        !peri__mul_size(f->entries + 1, sizeof *f->value, &f->bytes_value) ||
-        (f->value = (peri_real *)peri__resize(&f->memory, NULL, 0, f->bytes_value)) == NULL)
-        return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for a factor of %.0f entries",
-                          (double)f->entries);
-    peri__rows(f, a, f->head, f->seen);
+                          p->n, (double)p->s->entries);
     return PERI_OK;
+}
+
+/* Rows, panels, pairs. */
+static peri_result peri__symbolic_make(peri__plan *p, peri_error *err) {
+    peri__symbolic *s = p->s;
+    size_t rows = 0, panels = 0;
+    int k, j, width;
+    for (k = 0; k < p->count_groups; k++) {
+        p->list[k] = rows;
+        rows += (size_t)p->groups[k].height;
+        panels += (size_t)peri__panels_of(p->groups + k, &width);
+    }
+    s->bytes_rows = panels * sizeof *s->panel + (panels + 1) * sizeof *s->pairs + rows * sizeof *s->rows;
+    s->panel = (peri__panel *)peri__symbolic_take(s, s->bytes_rows);
+    if (!s->panel) return peri__no_memory(err, p->n);
+    s->pairs = (size_t *)(void *)(s->panel + panels);
+    s->rows = (int *)(void *)(s->pairs + panels + 1);
+    peri__rows(p, p->list, p->u, p->v);
+    peri__panels(p, p->list);
+    for (k = 0; k < s->panels; k++) {
+        const peri__panel *q = s->panel + k;
+        for (j = 0; j < q->width; j++) p->u[q->first + j] = k;
+        if (q->height > s->tallest) s->tallest = q->height;
+    }
+    peri__pairs(s, p->u, p->list);
+    s->bytes_pair = (s->pairs[s->panels] + 1) * sizeof *s->pair;
+    s->pair = (peri__pair *)peri__symbolic_take(s, s->bytes_pair);
+    if (!s->pair) return peri__no_memory(err, p->n);
+    peri__pairs(s, p->u, p->list);
+    return PERI_OK;
+}
+
+static void peri__symbolic_leave(peri__symbolic *s) {
+    peri_allocator memory;
+    if (!s || --s->users > 0) return;
+    memory = s->memory;
+    if (s->pair) peri__resize(&memory, s->pair, s->bytes_pair, 0);
+    if (s->panel) peri__resize(&memory, s->panel, s->bytes_rows, 0);
+    peri__resize(&memory, s, sizeof *s + 2 * (size_t)s->n * sizeof(int), 0);
+}
+
+/* The analysis of a's pattern; *out has one user. */
+static peri_result peri__analyse(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
+                                 peri__symbolic **out, peri_error *err) {
+    peri__plan p;
+    peri__symbolic *s;
+    peri_result result;
+    size_t n = (size_t)a->n, bytes = sizeof *s + 2 * n * sizeof(int);
+    size_t scratch = 2 * (n + 1) * sizeof(peri__group) + (n + 1) * (sizeof(size_t) + 7 * sizeof(int)) + n;
+    char *block;
+    *out = s = (peri__symbolic *)peri__resize(memory, NULL, 0, bytes);
+    if (!s) return peri__no_memory(err, a->n);
+    memset(s, 0, bytes);
+    s->memory = *memory;
+    s->bytes = bytes;
+    s->users = 1;
+    s->n = a->n;
+    s->pattern = peri__pattern(a);
+    s->order = (int *)(void *)(s + 1);
+    s->place = s->order + n;
+    memset(&p, 0, sizeof p);
+    p.s = s;
+    p.a = a;
+    p.n = a->n;
+    p.order = s->order;
+    p.place = s->place;
+    block = (char *)peri__resize(memory, NULL, 0, scratch);
+    if (!block) return peri__no_memory(err, a->n);
+    p.groups = (peri__group *)(void *)block;
+    p.sorted = p.groups + n + 1;
+    p.list = (size_t *)(void *)(p.sorted + n + 1);
+    p.parent = (int *)(void *)(p.list + n + 1);
+    p.count = p.parent + n + 1;
+    p.group = p.count + n + 1;
+    p.u = p.group + n + 1;
+    p.v = p.u + n + 1;
+    p.w = p.v + n + 1;
+    p.z = p.w + n + 1;
+    p.halo = (unsigned char *)(p.z + n + 1);
+    result = peri__plan_make(&p, xyz, err);
+    if (!result) result = peri__symbolic_make(&p, err);
+    peri__resize(memory, block, scratch, 0);
+    return result;
+}
+
+/* A factor of what was analysed, which it joins. */
+static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory, peri_cholesky **out,
+                                 peri_error *err) {
+    peri_cholesky *f = (peri_cholesky *)peri__resize(memory, NULL, 0, sizeof *f);
+    size_t values, inverses, scratch;
+    char *block;
+    if (!f) return peri__no_memory(err, s->n);
+    memset(f, 0, sizeof *f);
+    f->memory = *memory;
+    f->failed = -1;
+    inverses = peri__align((size_t)s->n * sizeof *f->inverse);
+    scratch = peri__align(peri__bench_bytes(s)) * (s->part[PERI__PARTS] > 0 ? PERI__PARTS : 1);
+    if (!peri__mul_size(s->values, sizeof *f->value, &values) || values > (size_t)-1 - inverses - scratch - 128 ||
+        !(f->block = (char *)peri__resize(memory, NULL, 0, f->bytes = peri__align(values) + inverses + scratch + 64))) {
+        peri__resize(memory, f, sizeof *f, 0);
+        return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for a factor of %.0f entries",
+                          (double)s->entries);
+    }
+    block = f->block + (64 - (size_t)((uintptr_t)f->block % 64)) % 64;
+    f->value = (peri_real *)(void *)block;
+    f->inverse = (peri_real *)(void *)(block + peri__align(values));
+    f->scratch = block + peri__align(values) + inverses;
+    f->s = s;
+    s->users++;
+    *out = f;
+    return peri__succeed(err);
+}
+
+static peri_allocator peri__memory_or_standard(const peri_allocator *memory) {
+    peri_allocator standard;
+    standard.resize = NULL;
+    standard.user = NULL;
+    return memory ? *memory : standard;
 }
 
 peri_result peri_cholesky_create(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
                                  peri_cholesky **out, peri_error *err) {
-    peri_allocator standard;
-    peri_cholesky *f;
+    peri_allocator hook = peri__memory_or_standard(memory);
+    peri__symbolic *s = NULL;
     peri_result result;
     ptrdiff_t i;
     if (out) *out = NULL;
     if (!a || !out) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", a ? "out" : "the matrix");
-    result = peri__check_pattern(a, err);
+    result = peri__check_pattern(a, &hook, err);
     if (result != PERI_OK) return result;
     for (i = 0; xyz && i < 3 * (ptrdiff_t)a->n; i++)
         if (!peri__finite((double)xyz[i]))
             return peri__fail(err, PERI_ERROR_VALUE, "cholesky: coordinate %c of row %d is not finite",
                               "xyz"[i % 3], (int)(i / 3));
-    standard.resize = NULL;
-    standard.user = NULL;
-    if (!memory) memory = &standard;
-    f = (peri_cholesky *)peri__resize(memory, NULL, 0, sizeof *f);
-    if (!f) return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for the factor of %d rows", a->n);
-    memset(f, 0, sizeof *f);
-    f->memory = *memory;
-    f->n = a->n;
-    f->pattern = peri__pattern(a);
-    if (peri__columns(f))
-        result = peri__analyse(f, a, xyz, err);
-    else
-        result = peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for the factor of %d rows", a->n);
-    if (result != PERI_OK) {
-        peri_cholesky_destroy(f);
-        return result;
-    }
-    *out = f;
-    return peri__succeed(err);
+    result = peri__analyse(a, xyz, &hook, &s, err);
+    if (!result) result = peri__numbers(s, &hook, out, err);
+    peri__symbolic_leave(s);
+    return result;
+}
+
+peri_result peri_cholesky_create_like(const peri_cholesky *other, const peri_allocator *memory, peri_cholesky **out,
+                                      peri_error *err) {
+    peri_allocator hook = peri__memory_or_standard(memory);
+    if (out) *out = NULL;
+    if (!other || !out) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", other ? "out" : "the other");
+    return peri__numbers(other->s, &hook, out, err);
 }
 
 void peri_cholesky_destroy(peri_cholesky *f) {
     peri_allocator memory;
     if (!f) return;
     memory = f->memory;
-    if (f->value) peri__resize(&memory, f->value, f->bytes_value, 0);
-    if (f->rows) peri__resize(&memory, f->rows, f->bytes_rows, 0);
-    if (f->work) peri__resize(&memory, f->work, f->bytes_column, 0);
+    peri__symbolic_leave(f->s);
+    peri__resize(&memory, f->block, f->bytes, 0);
     peri__resize(&memory, f, sizeof *f, 0);
 }
 
-size_t peri_cholesky_entries(const peri_cholesky *f) { return f ? f->entries : 0; }
+size_t peri_cholesky_entries(const peri_cholesky *f) { return f ? f->s->entries : 0; }
 
-double peri_cholesky_operations(const peri_cholesky *f) {
-    double sum = 0;
+double peri_cholesky_operations(const peri_cholesky *f) { return f ? f->s->operations : 0; }
+
+int peri_cholesky_pivot(const peri_cholesky *f) { return f ? f->failed : -1; }
+
+size_t peri_cholesky_bytes(const peri_cholesky *f) { return f ? sizeof *f + f->bytes + f->s->bytes : 0; }
+
+/* -- numbers: left-looking by panels (Ng & Peyton 1993), a tile of accumulators at a time -- */
+
+/* c -= a b for one or two blocks of rows by PERI__TILE columns: a has `depth` columns, b its rows one after another.
+   The accumulators have names, since compilers keep an array of them in memory. */
+#if PERI__TILE == 8
+#define PERI__COLUMNS(op) op(0) op(1) op(2) op(3) op(4) op(5) op(6) op(7)
+#else
+#define PERI__COLUMNS(op) op(0) op(1) op(2) op(3)
+#endif
+#define PERI__LOAD2(k) peri__vec x##k = c0[k], y##k = c1[k];
+#define PERI__STEP2(k) x##k = peri__less(x##k, u, peri__splat(b[k])); y##k = peri__less(y##k, v, peri__splat(b[k]));
+#define PERI__STORE2(k) c0[k] = x##k; c1[k] = y##k;
+#define PERI__LOAD1(k) peri__vec x##k = c0[k];
+#define PERI__STEP1(k) x##k = peri__less(x##k, u, peri__splat(b[k]));
+#define PERI__STORE1(k) c0[k] = x##k;
+
+static void peri__tile2(int depth, const peri__vec *PERI__RESTRICT a0, const peri__vec *PERI__RESTRICT a1,
+                        const peri_real *PERI__RESTRICT b, peri__vec *PERI__RESTRICT c0, peri__vec *PERI__RESTRICT c1) {
+    int k;
+    PERI__COLUMNS(PERI__LOAD2)
+    for (k = 0; k < depth; k++, b += PERI__TILE) {
+        peri__vec u = a0[k], v = a1[k];
+        PERI__COLUMNS(PERI__STEP2)
+    }
+    PERI__COLUMNS(PERI__STORE2)
+}
+
+static void peri__tile1(int depth, const peri__vec *PERI__RESTRICT a0, const peri_real *PERI__RESTRICT b,
+                        peri__vec *PERI__RESTRICT c0) {
+    int k;
+    PERI__COLUMNS(PERI__LOAD1)
+    for (k = 0; k < depth; k++, b += PERI__TILE) {
+        peri__vec u = a0[k];
+        PERI__COLUMNS(PERI__STEP1)
+    }
+    PERI__COLUMNS(PERI__STORE1)
+}
+
+/* Rows row .. row + count - 1 of a panel's first `depth` columns, side by side; what lacks to a tile is 0. */
+static void peri__pack(const peri_real *value, int width, int depth, int row, int count, peri_real *PERI__RESTRICT b) {
+    int k, j;
+    for (j = 0; j < PERI__TILE; j++) {
+        const peri_real *from;
+        if (j >= count) {
+            for (k = 0; k < depth; k++) b[k * PERI__TILE + j] = 0;
+            continue;
+        }
+        from = value + ((size_t)((row + j) / PERI__LANES) * (size_t)width * PERI__LANES + (size_t)((row + j) % PERI__LANES));
+        for (k = 0; k < depth; k++) b[k * PERI__TILE + j] = from[k * PERI__LANES];
+    }
+}
+
+/* Adds `count` columns of a block in the tile to the rows where they belong: rows k .. end - 1 of the block. A whole
+   tile of neighbouring columns is what most products are. */
+static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows, int k, int end, int count,
+                          const int *PERI__RESTRICT place, peri_real *PERI__RESTRICT to, const int *column) {
     int j;
-    for (j = 0; f && j < f->n; j++) {
-        double length = (double)(f->start[j + 1] - f->start[j]);
-        sum += length * length;
+    if (count == PERI__TILE && column[count - 1] - column[0] == count - 1) {
+        for (; k < end; k++) {
+            peri_real *PERI__RESTRICT at = to + place[rows[k]];
+            for (j = 0; j < PERI__TILE; j++) at[j * PERI__LANES] += tile[j * PERI__LANES + k];
+        }
+        return;
     }
-    return sum;
-}
-
-size_t peri_cholesky_bytes(const peri_cholesky *f) {
-    return f ? sizeof *f + f->bytes_column + f->bytes_rows + f->bytes_value : 0;
-}
-
-/* -- numbers: left-looking, a column at a time, from whole supernodes (Ng & Peyton 1993) -- */
-
-/* Up to PERI__WIDE columns of one supernode, each from the same row on. Missing ones repeat the first, so that the
-   loops need no cases: whoever reads them multiplies by 0 or drops the result. */
-typedef struct peri__panel {
-    const peri_real *v[PERI__WIDE];
-    int columns;
-} peri__panel;
-
-/* Columns c.. (below `end`) of supernode s, from the r-th of its rows on. */
-static peri__panel peri__columns_of(const peri_cholesky *f, int s, int c, int end, int r) {
-    peri__panel p;
-    int k, j = f->first[s] + c;
-    p.columns = end - c < PERI__WIDE ? end - c : PERI__WIDE;
-    for (k = 0; k < PERI__WIDE; k++) {
-        int use = k < p.columns ? k : 0;
-        p.v[k] = f->value + f->start[j + use] + (r - c - use);
-    }
-    return p;
-}
-
-/* sum += V m, in double: products of floats are exact there, so the factor is as good as its storage. */
-static void peri__combine(int n, const peri__panel *p, const double m[PERI__WIDE], double *PERI__RESTRICT sum) {
-    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
-    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
-    double m0 = m[0], m1 = m[1], m2 = m[2], m3 = m[3];
-    int i;
-    for (i = 0; i < n; i++)
-        sum[i] += ((double)v0[i] * m0 + (double)v1[i] * m1) + ((double)v2[i] * m2 + (double)v3[i] * m3);
-}
-
-static void peri__scatter_subtract(int n, const int *PERI__RESTRICT rows, const double *PERI__RESTRICT sum,
-                                   double *PERI__RESTRICT work) {
-    int i;
-    for (i = 0; i < n; i++) work[rows[i]] -= sum[i];
-}
-
-/* Takes from the column in the making what the first `columns` columns of supernode s give it, whose r-th row it is. */
-static void peri__update(peri_cholesky *f, int s, int columns, int r) {
-    int n = (int)(f->list[s + 1] - f->list[s]) - r, c, k;
-    if (columns == 0) return;
-    memset(f->sum, 0, (size_t)n * sizeof *f->sum);
-    for (c = 0; c < columns; c += PERI__WIDE) {
-        peri__panel p = peri__columns_of(f, s, c, columns, r);
-        double m[PERI__WIDE];
-        for (k = 0; k < PERI__WIDE; k++) m[k] = k < p.columns ? (double)p.v[k][0] : 0;
-        peri__combine(n, &p, m, f->sum);
-    }
-    peri__scatter_subtract(n, f->rows + f->list[s] + r, f->sum, f->work);
-}
-
-/* Puts supernode s on the list of its r-th row's column, when there is such a row. */
-static void peri__await(peri_cholesky *f, int s, int r) {
-    f->seen[s] = r;
-    if ((size_t)r < f->list[s + 1] - f->list[s]) {
-        int row = f->rows[f->list[s] + (size_t)r];
-        f->next[s] = f->head[row];
-        f->head[row] = s;
+    for (; k < end; k++) {
+        peri_real *at = to + place[rows[k]];
+        for (j = 0; j < count; j++) at[(column[j] - column[0]) * PERI__LANES] += tile[j * PERI__LANES + k];
     }
 }
 
-/* Scales the finished column j, the r-th of supernode s, into L and clears it. 0 when the pivot is not positive. */
-static int peri__finish(peri_cholesky *f, int j, int s, int r) {
-    const int *rows = f->rows + f->list[s] + r;
-    int i, n = (int)(f->list[s + 1] - f->list[s]) - r;
-    peri_real *value = f->value + f->start[j];
-    double *work = f->work, pivot = work[j], inverse;
-    if (!(pivot > 0) || !peri__finite(pivot)) return 0;
-    inverse = 1 / sqrt(pivot);
-    value[0] = (peri_real)inverse;
-    if (!peri__finite((double)value[0])) return 0;
-    for (i = 1; i < n; i++) value[i] = (peri_real)(work[rows[i]] * inverse);
-    for (i = 0; i < n; i++) work[rows[i]] = 0;
+/* Products of the rows from row + j on, `count` columns (a tile or less), straight to where they belong: the rows of
+   both panels are the same, `shift` registers apart. */
+static void peri__update_straight(const peri_real *value, const peri__panel *p, peri_real *target,
+                                  const peri__panel *to, int row, int shift, const peri_real *right) {
+    const peri__vec *a = (const peri__vec *)(const void *)value;
+    int block = row / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES;
+    ptrdiff_t from = p->width, step = to->width;
+    peri__vec *c = (peri__vec *)(void *)target + (block - shift) * step + (row - shift * PERI__LANES);
+    a += block * from;
+    for (; block + 1 < blocks; block += 2, a += 2 * from, c += 2 * step)
+        peri__tile2(p->width, a, a + from, right, c, c + step);
+    if (block < blocks) peri__tile1(p->width, a, right, c);
+}
+
+static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p, const peri__panel *to, int row,
+                                   int count, const peri__bench *w) {
+    const peri__vec *a = (const peri__vec *)(const void *)(f->value + p->at);
+    const int *rows = f->s->rows + p->row;
+    peri_real *target = f->value + to->at + (rows[row] - to->first) * PERI__LANES;
+    peri__vec *tile = (peri__vec *)(void *)w->tile;
+    int block, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, k;
+    for (block = row / PERI__LANES; block < blocks; block += 2) {
+        int begin = block * PERI__LANES, half = begin + PERI__LANES, first = row > begin ? row - begin : 0;
+        memset(w->tile, 0, PERI__TILE_BYTES);
+        if (block + 1 < blocks) {
+            peri__tile2(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right, tile,
+                        tile + PERI__TILE);
+            k = p->height - half < PERI__LANES ? p->height - half : PERI__LANES;
+            peri__scatter(w->tile + PERI__TILE * PERI__LANES, rows + half, 0, k, count, w->place, target, rows + row);
+        } else {
+            peri__tile1(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
+        }
+        k = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
+        peri__scatter(w->tile, rows + begin, first, k, count, w->place, target, rows + row);
+    }
+}
+
+/* Takes from columns begin .. end - 1 of panel `to` what an earlier one gives them. */
+static void peri__update(const peri_cholesky *f, const peri__panel *to, const peri__pair *pair, int begin, int end,
+                         const peri__bench *w) {
+    const peri__panel *p = f->s->panel + pair->from;
+    const int *rows = f->s->rows + p->row;
+    int row = pair->row, count = 0, shift, same, j;
+    while (row < p->height && rows[row] < begin) row++;
+    while (row + count < p->height && rows[row + count] < end) count++;
+    if (!count) return;
+    shift = row - (rows[row] - to->first);
+    same = shift % PERI__LANES == 0 && p->height - row == to->height - (rows[row] - to->first);
+    for (j = 0; j < count; j += PERI__TILE) {
+        int n = count - j < PERI__TILE ? count - j : PERI__TILE;
+        peri__pack(f->value + p->at, p->width, p->width, row + j, n, w->right);
+        if (same && n == PERI__TILE)
+            peri__update_straight(f->value + p->at, p, f->value + to->at, to, row + j, shift / PERI__LANES, w->right);
+        else peri__update_scattered(f, p, to, row + j, n, w);
+    }
+}
+
+/* The lower triangle of A's columns into a cleared panel, and the places of its rows. */
+static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const peri__panel *p, int *place) {
+    const peri__symbolic *s = f->s;
+    const int *rows = s->rows + p->row;
+    peri_real *value = f->value + p->at;
+    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, k, c, e;
+    memset(value, 0, (size_t)blocks * (size_t)p->width * PERI__LANES * sizeof *value);
+    for (k = 0; k < p->height; k++) place[rows[k]] = k / PERI__LANES * p->width * PERI__LANES + k % PERI__LANES;
+    for (c = 0; c < p->width; c++) {
+        int row = s->order[p->first + c];
+        value[place[p->first + c] + c * PERI__LANES] = a->diagonal[row];
+        for (e = a->row[row]; e < a->row[row + 1]; e++) {
+            int i = s->place[a->col[e]];
+            if (i > p->first + c) value[place[i] + c * PERI__LANES] = a->value[e];
+        }
+    }
+}
+
+/* Cholesky of the n x n block at (c, c) of a panel, into l, with the inverses of its diagonal; returns the column whose
+   pivot is not positive, or n. */
+static int peri__small_factor(peri_cholesky *f, const peri__panel *p, int c, int n, peri_real l[PERI__TILE][PERI__TILE]) {
+    const peri_real *value = f->value + p->at;
+    int i, j, k;
+    for (j = 0; j < n; j++)
+        for (i = j; i < n; i++) {
+            int row = c + i;
+            double x = (double)value[(row / PERI__LANES * p->width + c + j) * PERI__LANES + row % PERI__LANES];
+            for (k = 0; k < j; k++) x -= (double)l[i][k] * (double)l[j][k];
+            if (i > j) {
+                l[i][j] = (peri_real)(x * (double)f->inverse[p->first + c + j]);
+                continue;
+            }
+            f->pivot = x;
+            f->inverse[p->first + c + j] = (peri_real)(1 / sqrt(x));
+            if (!(x > 0) || !peri__finite(x) || !peri__finite((double)f->inverse[p->first + c + j])) return j;
+        }
+    return n;
+}
+
+/* Rows of `n` columns of a panel, from the block of row c on, times the inverse of l^T. */
+static void peri__small_solve(peri__vec *x, int step, int blocks, int n, peri_real l[PERI__TILE][PERI__TILE],
+                              const peri_real *inverse) {
+    int j, k;
+    for (; blocks > 0; blocks--, x += step)
+        for (j = 0; j < n; j++) {
+            peri__vec t = x[j];
+            for (k = 0; k < j; k++) t = peri__less(t, x[k], peri__splat(l[j][k]));
+            x[j] = t * peri__splat(inverse[j]);
+        }
+}
+
+/* Takes from columns c .. c + n - 1 of a panel what its columns before them give. */
+static void peri__panel_update(peri_real *value, const peri__panel *p, int c, int n, const peri__bench *w) {
+    const peri__vec *a = (const peri__vec *)(const void *)value;
+    peri__vec *tile = (peri__vec *)(void *)w->tile, *to = (peri__vec *)(void *)value + c;
+    ptrdiff_t step = p->width;
+    int block = c / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, j;
+    peri__pack(value, p->width, c, c, n, w->right);
+    for (; n == PERI__TILE && block + 1 < blocks; block += 2)
+        peri__tile2(c, a + block * step, a + (block + 1) * step, w->right, to + block * step, to + (block + 1) * step);
+    for (; n == PERI__TILE && block < blocks; block++) peri__tile1(c, a + block * step, w->right, to + block * step);
+    for (; block < blocks; block++) {
+        memcpy(tile, to + block * step, (size_t)n * sizeof *tile);
+        for (j = n; j < PERI__TILE; j++) tile[j] = peri__splat(0);
+        peri__tile1(c, a + block * step, w->right, tile);
+        memcpy(to + block * step, tile, (size_t)n * sizeof *tile);
+    }
+}
+
+/* Factorises a panel that has all it gets from others; 0 when a pivot is not positive. */
+static int peri__panel_factor(peri_cholesky *f, const peri__panel *p, const peri__bench *w) {
+    peri_real *value = f->value + p->at, l[PERI__TILE][PERI__TILE];
+    peri__vec *x = (peri__vec *)(void *)value;
+    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, c, k, i, n;
+    for (c = 0; c < p->width; c += PERI__TILE) {
+        n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
+        if (c) peri__panel_update(value, p, c, n, w);
+        k = peri__small_factor(f, p, c, n, l);
+        if (k < n) {
+            f->failed = f->s->order[p->first + c + k];
+            return 0;
+        }
+        k = c / PERI__LANES;
+        peri__small_solve(x + (ptrdiff_t)k * p->width + c, p->width, blocks - k, n, l, f->inverse + p->first + c);
+        for (i = 0; i < n; i++)
+            for (k = 0; k < i; k++)
+                value[((c + i) / PERI__LANES * p->width + c + k) * PERI__LANES + (c + i) % PERI__LANES] = l[i][k];
+    }
+    for (c = 0; c < p->width; c++)
+        for (k = 0; k <= c; k++) value[(k / PERI__LANES * p->width + c) * PERI__LANES + k % PERI__LANES] = 0;
     return 1;
 }
 
-/* What a failed attempt left in `work` does no harm: the first column with row i has it from A, which overwrites. */
-static int peri__factor_column(peri_cholesky *f, const peri_matrix *a, int j, int s) {
-    int row = f->order[j], e, k, next;
-    for (e = a->row[row]; e < a->row[row + 1]; e++) {
-        int i = f->place[a->col[e]];
-        if (i > j) f->work[i] = (double)a->value[e];
-    }
-    f->work[j] = (double)a->diagonal[row];
-    for (k = f->head[j]; k >= 0; k = next) {
-        next = f->next[k];
-        peri__update(f, k, f->first[k + 1] - f->first[k], f->seen[k]);
-        peri__await(f, k, f->seen[k] + 1);
-    }
-    peri__update(f, s, j - f->first[s], j - f->first[s]);
-    return peri__finish(f, j, s, j - f->first[s]);
+static int peri__panel_make(peri_cholesky *f, const peri_matrix *a, int j, const peri__bench *w) {
+    const peri__symbolic *s = f->s;
+    const peri__panel *p = s->panel + j;
+    size_t k;
+    peri__assemble(f, a, p, w->place);
+    for (k = s->pairs[j]; k < s->pairs[j + 1]; k++) peri__update(f, p, s->pair + k, p->first, p->first + p->width, w);
+    return peri__panel_factor(f, p, w);
 }
 
 peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
-    int j, s;
+    peri__bench w;
+    int j;
     if (!f || !a) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", f ? "the matrix" : "the factor");
     f->ready = 0;
-    if (a->n != f->n || peri__pattern(a) != f->pattern)
+    f->failed = -1;
+    if (a->n != f->s->n || peri__pattern(a) != f->s->pattern)
         return peri__fail(err, PERI_ERROR_ARGUMENT,
                           "cholesky: the matrix (n is %d) has another pattern than the one analysed (n is %d)", a->n,
-                          f->n);
-    if (f->n > 0 && (!a->diagonal || (!a->value && a->row[a->n] > 0)))
+                          f->s->n);
+    if (a->n > 0 && (!a->diagonal || (!a->value && a->row[a->n] > 0)))
         return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: the matrix has no %s",
                           a->diagonal ? "value" : "diagonal");
-    for (j = 0; j < f->n; j++) f->head[j] = -1;
-    for (s = 0; s < f->supers; s++) {
-        for (j = f->first[s]; j < f->first[s + 1]; j++)
-            if (!peri__factor_column(f, a, j, s))
-                return peri__fail(err, PERI_ERROR_PIVOT,
-                                  "cholesky: the pivot of row %d is %g (its diagonal entry %g); the matrix is not "
-                                  "positive definite", f->order[j], f->work[j], (double)a->diagonal[f->order[j]]);
-        peri__await(f, s, f->first[s + 1] - f->first[s]);
-    }
+    w = peri__bench_of(f, 0);
+    for (j = 0; j < f->s->panels; j++)
+        if (!peri__panel_make(f, a, j, &w))
+            return peri__fail(err, PERI_ERROR_PIVOT,
+                              "cholesky: the pivot of row %d is %g (its diagonal entry %g); the matrix is not positive "
+                              "definite", f->failed, f->pivot, (double)a->diagonal[f->failed]);
     f->ready = 1;
     return peri__succeed(err);
 }
 
-/* -- solves, 4 columns of L at a time; one loop for 3 right-hand sides, one for each of fewer -- */
+/* -- solves: x stands in columns, one right-hand side after another, so that registers hold neighbours -- */
 
-/* x[rows] -= V y for 3 right-hand sides: y holds 3 numbers for each column. */
-static void peri__forward3(int n, const int *PERI__RESTRICT rows, const peri__panel *p, const peri_real *y,
-                           peri_real *PERI__RESTRICT x) {
-    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
-    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
-    peri_real a0 = y[0], a1 = y[1], a2 = y[2], b0 = y[3], b1 = y[4], b2 = y[5];
-    peri_real c0 = y[6], c1 = y[7], c2 = y[8], d0 = y[9], d1 = y[10], d2 = y[11];
-    int i;
-    for (i = 0; i < n; i++) {
-        peri_real *z = x + 3 * (ptrdiff_t)rows[i], a = v0[i], b = v1[i], c = v2[i], d = v3[i];
-        z[0] -= (a * a0 + b * b0) + (c * c0 + d * d0);
-        z[1] -= (a * a1 + b * b1) + (c * c1 + d * d1);
-        z[2] -= (a * a2 + b * b2) + (c * c2 + d * d2);
+#define PERI__SIDES 3   /* right-hand sides that go through L together */
+
+/* y (of the panel's own columns) = L^-1 y, one right-hand side: in registers of rows. y has room for whole registers. */
+static void peri__down(const peri__vec *value, int width, const peri_real *inverse, peri_real *PERI__RESTRICT y) {
+    peri__vec *d = (peri__vec *)(void *)y;
+    int blocks = (width + PERI__LANES - 1) / PERI__LANES, c, b;
+    for (c = 0; c < width; c++) {
+        peri_real t = y[c] * inverse[c];
+        peri__vec s = peri__splat(t);
+        for (b = c / PERI__LANES; b < blocks; b++) d[b] = peri__less(d[b], value[b * width + c], s);
+        y[c] = t;
     }
 }
 
-static void peri__forward1(int n, const int *PERI__RESTRICT rows, const peri__panel *p, const peri_real *y, int rhs,
-                           peri_real *PERI__RESTRICT x) {
-    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
-    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
-    peri_real a = y[0], b = y[rhs], c = y[2 * rhs], d = y[3 * rhs];
-    int i;
-    for (i = 0; i < n; i++) x[rhs * (ptrdiff_t)rows[i]] -= (v0[i] * a + v1[i] * b) + (v2[i] * c + v3[i] * d);
-}
-
-/* sum = V^T x[rows] for 3 right-hand sides, in double. */
-static void peri__backward3(int n, const int *PERI__RESTRICT rows, const peri__panel *p,
-                            const peri_real *PERI__RESTRICT x, double sum[12]) {
-    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
-    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
-    double a0 = 0, a1 = 0, a2 = 0, b0 = 0, b1 = 0, b2 = 0, c0 = 0, c1 = 0, c2 = 0, d0 = 0, d1 = 0, d2 = 0;
-    int i;
-    for (i = 0; i < n; i++) {
-        const peri_real *z = x + 3 * (ptrdiff_t)rows[i];
-        double a = (double)v0[i], b = (double)v1[i], c = (double)v2[i], d = (double)v3[i];
-        double z0 = (double)z[0], z1 = (double)z[1], z2 = (double)z[2];
-        a0 += a * z0;
-        a1 += a * z1;
-        a2 += a * z2;
-        b0 += b * z0;
-        b1 += b * z1;
-        b2 += b * z2;
-        c0 += c * z0;
-        c1 += c * z1;
-        c2 += c * z2;
-        d0 += d * z0;
-        d1 += d * z1;
-        d2 += d * z2;
+/* y = L^-T y */
+static void peri__up(const peri_real *value, int width, const peri_real *inverse, peri_real *PERI__RESTRICT y) {
+    int c, k;
+    for (c = width - 1; c >= 0; c--) {
+        const peri_real *row = value + (c / PERI__LANES * width) * PERI__LANES + c % PERI__LANES;
+        peri_real t = y[c] * inverse[c];
+        for (k = 0; k < c; k++) y[k] -= row[k * PERI__LANES] * t;
+        y[c] = t;
     }
-    sum[0] = a0;
-    sum[1] = a1;
-    sum[2] = a2;
-    sum[3] = b0;
-    sum[4] = b1;
-    sum[5] = b2;
-    sum[6] = c0;
-    sum[7] = c1;
-    sum[8] = c2;
-    sum[9] = d0;
-    sum[10] = d1;
-    sum[11] = d2;
 }
 
-static void peri__backward1(int n, const int *PERI__RESTRICT rows, const peri__panel *p,
-                            const peri_real *PERI__RESTRICT x, int rhs, double *sum) {
-    const peri_real *PERI__RESTRICT v0 = p->v[0], *PERI__RESTRICT v1 = p->v[1];
-    const peri_real *PERI__RESTRICT v2 = p->v[2], *PERI__RESTRICT v3 = p->v[3];
-    double a = 0, b = 0, c = 0, d = 0;
-    int i;
-    for (i = 0; i < n; i++) {
-        double z = (double)x[rhs * (ptrdiff_t)rows[i]];
-        a += (double)v0[i] * z;
-        b += (double)v1[i] * z;
-        c += (double)v2[i] * z;
-        d += (double)v3[i] * z;
+#define PERI__THREE(op) op(0) op(1) op(2)
+#define PERI__ONE(op) op(0)
+#define PERI__SUM_BEGIN(q) peri__vec s##q = peri__splat(0), t##q = s##q;
+#define PERI__SUM_STEP(q) \
+    s##q = peri__less(s##q, u, peri__splat(y[q * PERI__WIDTH + c])); \
+    t##q = peri__less(t##q, v, peri__splat(y[q * PERI__WIDTH + c]));
+#define PERI__SUM_END(q) out[q] = s##q; out[PERI__SIDES + q] = t##q;
+#define PERI__DOT_BEGIN(q) const peri__vec s##q = x[q], t##q = x[PERI__SIDES + q];
+#define PERI__DOT_STEP(q) sum[PERI__SIDES * c + q] = peri__less(peri__less(sum[PERI__SIDES * c + q], u, s##q), v, t##q);
+
+/* out = -L y for two blocks of rows a and b, and sum -= L^T x for them; x and out: the sides of a, then of b. */
+#define PERI__BLOCKS_DEFINE(name, sides) \
+    static void peri__product##name(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b, \
+                                    const peri_real *PERI__RESTRICT y, peri__vec *PERI__RESTRICT out) { \
+        int c; \
+        sides(PERI__SUM_BEGIN) \
+        for (c = 0; c < width; c++) { \
+            peri__vec u = a[c], v = b[c]; \
+            sides(PERI__SUM_STEP) \
+        } \
+        sides(PERI__SUM_END) \
+    } \
+    static void peri__dots##name(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b, \
+                                 const peri__vec *PERI__RESTRICT x, peri__vec *PERI__RESTRICT sum) { \
+        int c; \
+        sides(PERI__DOT_BEGIN) \
+        for (c = 0; c < width; c++) { \
+            peri__vec u = a[c], v = b[c]; \
+            sides(PERI__DOT_STEP) \
+        } \
     }
-    sum[0] = a;
-    sum[rhs] = b;
-    sum[2 * rhs] = c;
-    sum[3 * rhs] = d;
+
+PERI__BLOCKS_DEFINE(1, PERI__ONE)
+PERI__BLOCKS_DEFINE(3, PERI__THREE)
+
+/* x[rows] += v for the lanes first .. end - 1. */
+PERI__INLINE void peri__lanes_add(const peri_real *v, const int *rows, int first, int end, peri_real *x) {
+    int k;
+    if (first == 0 && end == PERI__LANES && rows[end - 1] - rows[0] == end - 1) {
+        peri_real *at = x + rows[0];
+        for (k = 0; k < PERI__LANES; k++) at[k] += v[k];
+        return;
+    }
+    for (k = first; k < end; k++) x[rows[k]] += v[k];
 }
 
-/* x = L^-1 x: for each panel its triangle, then the rows below. z: where the panel's columns stand in x. */
-static void peri__forward(const peri_cholesky *f, int s, int rhs, peri_real *x) {
-    int width = f->first[s + 1] - f->first[s], size = (int)(f->list[s + 1] - f->list[s]), c, k, m, q;
-    for (c = 0; c < width; c += PERI__WIDE) {
-        int below = c + PERI__WIDE < width ? c + PERI__WIDE : width;
-        peri__panel p = peri__columns_of(f, s, c, width, below);
-        const int *rows = f->rows + f->list[s] + below;
-        peri_real *z = x + rhs * (ptrdiff_t)(f->first[s] + c), y[3 * PERI__WIDE];
-        for (k = 0; k < p.columns; k++) {
-            const peri_real *v = p.v[k] - (p.columns - k); /* the column from its diagonal on */
-            for (q = 0; q < rhs; q++) z[rhs * k + q] *= v[0];
-            for (m = k + 1; m < p.columns; m++)
-                for (q = 0; q < rhs; q++) z[rhs * m + q] -= v[m - k] * z[rhs * k + q];
+/* v = x[rows], 0 in the other lanes. */
+PERI__INLINE void peri__lanes_get(const peri_real *x, const int *rows, int first, int end, peri_real *v) {
+    int k;
+    if (first == 0 && end == PERI__LANES && rows[end - 1] - rows[0] == end - 1) {
+        const peri_real *at = x + rows[0];
+        for (k = 0; k < PERI__LANES; k++) v[k] = at[k];
+        return;
+    }
+    for (k = 0; k < PERI__LANES; k++) v[k] = k >= first && k < end ? x[rows[k]] : 0;
+}
+
+/* x = L^-1 x: a panel's own columns, then the rows below, two blocks at a time. */
+static void peri__forward(const peri_cholesky *f, const peri__panel *p, int sides, peri_real *x) {
+    const peri__vec *value = (const peri__vec *)(const void *)(f->value + p->at);
+    const int *rows = f->s->rows + p->row;
+    int n = f->s->n, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k;
+    peri__vec own[PERI__SIDES * PERI__WIDTH / PERI__LANES], out[2 * PERI__SIDES];
+    peri_real *y = (peri_real *)(void *)own;
+    for (q = 0; q < sides; q++) {
+        peri_real *from = x + (ptrdiff_t)q * n + p->first, *to = y + q * PERI__WIDTH;
+        memcpy(to, from, (size_t)p->width * sizeof *to);
+        for (k = p->width; k % PERI__LANES; k++) to[k] = 0;
+        peri__down(value, p->width, f->inverse + p->first, to);
+        memcpy(from, to, (size_t)p->width * sizeof *to);
+    }
+    for (b = p->width / PERI__LANES; b < blocks; b += 2) {
+        const peri__vec *one = value + (ptrdiff_t)b * p->width, *two = b + 1 < blocks ? one + p->width : one;
+        (sides == 3 ? peri__product3 : peri__product1)(p->width, one, two, y, out);
+        for (q = 0; q < 2 && b + q < blocks; q++) {
+            int begin = (b + q) * PERI__LANES, first = p->width > begin ? p->width - begin : 0;
+            int end = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
+            for (k = 0; k < sides; k++)
+                peri__lanes_add((const peri_real *)(const void *)(out + q * PERI__SIDES + k), rows + begin, first, end,
+                                x + (ptrdiff_t)k * n);
         }
-        for (k = 0; k < rhs * PERI__WIDE; k++) y[k] = k < rhs * p.columns ? z[k] : 0;
-        if (rhs == 3) peri__forward3(size - below, rows, &p, y, x);
-        for (q = 0; q < rhs && rhs < 3; q++) peri__forward1(size - below, rows, &p, y + q, rhs, x + q);
     }
 }
 
-/* x = L^-T x: the same panels backwards. */
-static void peri__backward(const peri_cholesky *f, int s, int rhs, peri_real *x) {
-    int width = f->first[s + 1] - f->first[s], size = (int)(f->list[s + 1] - f->list[s]), c, k, m, q;
-    for (c = (width - 1) / PERI__WIDE * PERI__WIDE; c >= 0; c -= PERI__WIDE) {
-        int below = c + PERI__WIDE < width ? c + PERI__WIDE : width;
-        peri__panel p = peri__columns_of(f, s, c, width, below);
-        const int *rows = f->rows + f->list[s] + below;
-        peri_real *z = x + rhs * (ptrdiff_t)(f->first[s] + c);
-        double sum[3 * PERI__WIDE];
-        if (rhs == 3) peri__backward3(size - below, rows, &p, x, sum);
-        for (q = 0; q < rhs && rhs < 3; q++) peri__backward1(size - below, rows, &p, x + q, rhs, sum + q);
-        for (k = p.columns - 1; k >= 0; k--) {
-            const peri_real *v = p.v[k] - (p.columns - k);
-            for (q = 0; q < rhs; q++) {
-                double t = (double)z[rhs * k + q] - sum[rhs * k + q];
-                for (m = k + 1; m < p.columns; m++) t -= (double)v[m - k] * (double)z[rhs * m + q];
-                z[rhs * k + q] = (peri_real)(t * (double)v[0]);
-            }
+/* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other. */
+static void peri__backward(const peri_cholesky *f, const peri__panel *p, int sides, peri_real *x) {
+    const peri__vec *value = (const peri__vec *)(const void *)(f->value + p->at);
+    const int *rows = f->s->rows + p->row;
+    int n = f->s->n, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k, c;
+    peri__vec sum[PERI__SIDES * PERI__WIDTH], in[2 * PERI__SIDES];
+    memset(sum, 0, PERI__SIDES * (size_t)p->width * sizeof *sum);
+    for (b = p->width / PERI__LANES; b < blocks; b += 2) {
+        const peri__vec *one = value + (ptrdiff_t)b * p->width, *two = b + 1 < blocks ? one + p->width : one;
+        for (q = 0; q < 2; q++) {
+            int begin = (b + q) * PERI__LANES, first = p->width > begin ? p->width - begin : 0;
+            int end = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
+            for (k = 0; k < sides; k++)
+                peri__lanes_get(x + (ptrdiff_t)k * n, rows + (b + q < blocks ? begin : 0), first, end,
+                                (peri_real *)(void *)(in + q * PERI__SIDES + k));
         }
+        (sides == 3 ? peri__dots3 : peri__dots1)(p->width, one, two, in, sum);
+    }
+    for (q = 0; q < sides; q++) {
+        peri_real *y = x + (ptrdiff_t)q * n + p->first;
+        for (c = 0; c < p->width; c++) y[c] += peri__lanes_sum((const peri_real *)(const void *)(sum + PERI__SIDES * c + q));
+        peri__up(f->value + p->at, p->width, f->inverse + p->first, y);
     }
 }
 
 void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work) {
-    int i, s, q;
-    PERI_ASSERT(f && f->ready && rhs >= 1 && rhs <= 3);
-    if (!f || !f->ready || rhs < 1 || rhs > 3) return;
-    for (i = 0; i < f->n; i++) {
-        const peri_real *from = x + rhs * (ptrdiff_t)f->order[i];
-        for (q = 0; q < rhs; q++) work[rhs * (ptrdiff_t)i + q] = from[q];
-    }
-    for (s = 0; s < f->supers; s++) peri__forward(f, s, rhs, work);
-    for (s = f->supers - 1; s >= 0; s--) peri__backward(f, s, rhs, work);
-    for (i = 0; i < f->n; i++) {
-        peri_real *to = x + rhs * (ptrdiff_t)f->order[i];
-        for (q = 0; q < rhs; q++) to[q] = work[rhs * (ptrdiff_t)i + q];
+    int n, i, j, q, c, sides;
+    PERI_ASSERT(f && f->ready && rhs >= 1);
+    if (!f || !f->ready) return;
+    n = f->s->n;
+    for (c = 0; c < rhs; c += sides) {
+        sides = rhs - c >= PERI__SIDES ? PERI__SIDES : 1;
+        for (i = 0; i < n; i++)
+            for (q = 0; q < sides; q++) work[(ptrdiff_t)q * n + i] = x[rhs * (ptrdiff_t)f->s->order[i] + c + q];
+        for (j = 0; j < f->s->panels; j++) peri__forward(f, f->s->panel + j, sides, work);
+        for (j = f->s->panels - 1; j >= 0; j--) peri__backward(f, f->s->panel + j, sides, work);
+        for (i = 0; i < n; i++)
+            for (q = 0; q < sides; q++) x[rhs * (ptrdiff_t)f->s->order[i] + c + q] = work[(ptrdiff_t)q * n + i];
     }
 }
 
