@@ -882,16 +882,6 @@ PERI__INLINE peri__vec peri__less(peri__vec c, peri__vec a, peri__vec b) {
 #endif
 }
 
-/* Sum of the lanes, always in the same order. */
-PERI__INLINE peri_real peri__lanes_sum(const peri_real *a) {
-    int step, k;
-    peri_real s[PERI__LANES];
-    for (k = 0; k < PERI__LANES; k++) s[k] = a[k];
-    for (step = PERI__LANES / 2; step > 0; step /= 2)
-        for (k = 0; k < step; k++) s[k] += s[k + step];
-    return s[0];
-}
-
 #define PERI__LEAF 48   /* vertices that are not worth dissecting */
 #define PERI__BINS 256  /* of a histogram of positions */
 #define PERI__WIDTH 128 /* columns of a panel, at most: a multiple of the lanes */
@@ -900,7 +890,7 @@ PERI__INLINE peri_real peri__lanes_sum(const peri_real *a) {
 /* Columns of L with the same rows below them form a supernode, and PERI__WIDTH columns of it at most a panel: column c
    of the panel has the rows[row + k], k < height, of which the first `width` are the panel's own columns. Its values
    stand in blocks of PERI__LANES rows, in a block column by column: entry (k, c) is value[at + (k / lanes * width + c) *
-   lanes + k % lanes]. What lies on the diagonal and above is 0; the inverse of the diagonal stands apart. */
+   lanes + k % lanes]. What lies above the diagonal is 0; on it stand the inverses of its blocks of PERI__TILE columns. */
 typedef struct peri__panel {
     int first, width, height;
     int inner;                  /* rows of its own part; the others are of the top */
@@ -938,7 +928,6 @@ struct peri_cholesky {
     int ready, failed;          /* failed: the row whose pivot was not positive, or -1 */
     double pivot;
     peri_real *value;           /* aligned to a register */
-    peri_real *inverse;         /* n: of the diagonal of L */
     char *block, *scratch;
 };
 
@@ -1826,24 +1815,22 @@ static peri_result peri__analyse(const peri_matrix *a, const peri_real *xyz, con
 static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory, peri_cholesky **out,
                                  peri_error *err) {
     peri_cholesky *f = (peri_cholesky *)peri__resize(memory, NULL, 0, sizeof *f);
-    size_t values, inverses, scratch;
+    size_t values, scratch;
     char *block;
     if (!f) return peri__no_memory(err, s->n);
     memset(f, 0, sizeof *f);
     f->memory = *memory;
     f->failed = -1;
-    inverses = peri__align((size_t)s->n * sizeof *f->inverse);
     scratch = peri__align(peri__bench_bytes(s)) * (s->part[PERI__PARTS] > 0 ? PERI__PARTS : 1);
-    if (!peri__mul_size(s->values, sizeof *f->value, &values) || values > (size_t)-1 - inverses - scratch - 128 ||
-        !(f->block = (char *)peri__resize(memory, NULL, 0, f->bytes = peri__align(values) + inverses + scratch + 64))) {
+    if (!peri__mul_size(s->values, sizeof *f->value, &values) || values > (size_t)-1 - scratch - 128 ||
+        !(f->block = (char *)peri__resize(memory, NULL, 0, f->bytes = peri__align(values) + scratch + 64))) {
         peri__resize(memory, f, sizeof *f, 0);
         return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for a factor of %.0f entries",
                           (double)s->entries);
     }
     block = f->block + (64 - (size_t)((uintptr_t)f->block % 64)) % 64;
     f->value = (peri_real *)(void *)block;
-    f->inverse = (peri_real *)(void *)(block + peri__align(values));
-    f->scratch = block + peri__align(values) + inverses;
+    f->scratch = block + peri__align(values);
     f->s = s;
     s->users++;
     *out = f;
@@ -1904,40 +1891,52 @@ size_t peri_cholesky_bytes(const peri_cholesky *f) { return f ? sizeof *f + f->b
 
 /* -- numbers: left-looking by panels (Ng & Peyton 1993), a tile of accumulators at a time -- */
 
-/* c -= a b for one or two blocks of rows by PERI__TILE columns: a has `depth` columns, b its rows one after another.
+/* c = -a b (set) or c += -a b (add) for one or two blocks of rows by PERI__TILE columns: a has `depth` columns, b its
+   rows one after another. Products are summed by themselves first: that loses fewer digits than taking each from c.
    The accumulators have names, since compilers keep an array of them in memory. */
 #if PERI__TILE == 8
 #define PERI__COLUMNS(op) op(0) op(1) op(2) op(3) op(4) op(5) op(6) op(7)
 #else
 #define PERI__COLUMNS(op) op(0) op(1) op(2) op(3)
 #endif
-#define PERI__LOAD2(k) peri__vec x##k = c0[k], y##k = c1[k];
+#define PERI__BEGIN2(k) peri__vec x##k = peri__splat(0), y##k = x##k;
 #define PERI__STEP2(k) x##k = peri__less(x##k, u, peri__splat(b[k])); y##k = peri__less(y##k, v, peri__splat(b[k]));
-#define PERI__STORE2(k) c0[k] = x##k; c1[k] = y##k;
-#define PERI__LOAD1(k) peri__vec x##k = c0[k];
+#define PERI__SET2(k) c0[k] = x##k; c1[k] = y##k;
+#define PERI__ADD2(k) c0[k] += x##k; c1[k] += y##k;
+#define PERI__BEGIN1(k) peri__vec x##k = peri__splat(0);
 #define PERI__STEP1(k) x##k = peri__less(x##k, u, peri__splat(b[k]));
-#define PERI__STORE1(k) c0[k] = x##k;
+#define PERI__SET1(k) c0[k] = x##k;
+#define PERI__ADD1(k) c0[k] += x##k;
 
-static void peri__tile2(int depth, const peri__vec *PERI__RESTRICT a0, const peri__vec *PERI__RESTRICT a1,
-                        const peri_real *PERI__RESTRICT b, peri__vec *PERI__RESTRICT c0, peri__vec *PERI__RESTRICT c1) {
-    int k;
-    PERI__COLUMNS(PERI__LOAD2)
-    for (k = 0; k < depth; k++, b += PERI__TILE) {
-        peri__vec u = a0[k], v = a1[k];
-        PERI__COLUMNS(PERI__STEP2)
+#define PERI__TILE_DEFINE(name, END2, END1) \
+    static void peri__tile2_##name(int depth, const peri__vec *PERI__RESTRICT a0, const peri__vec *PERI__RESTRICT a1, \
+                                   const peri_real *PERI__RESTRICT b, peri__vec *PERI__RESTRICT c0, \
+                                   peri__vec *PERI__RESTRICT c1) { \
+        int k; \
+        PERI__COLUMNS(PERI__BEGIN2) \
+        for (k = 0; k < depth; k++, b += PERI__TILE) { \
+            peri__vec u = a0[k], v = a1[k]; \
+            PERI__COLUMNS(PERI__STEP2) \
+        } \
+        PERI__COLUMNS(END2) \
+    } \
+    static void peri__tile1_##name(int depth, const peri__vec *PERI__RESTRICT a0, const peri_real *PERI__RESTRICT b, \
+                                   peri__vec *PERI__RESTRICT c0) { \
+        int k; \
+        PERI__COLUMNS(PERI__BEGIN1) \
+        for (k = 0; k < depth; k++, b += PERI__TILE) { \
+            peri__vec u = a0[k]; \
+            PERI__COLUMNS(PERI__STEP1) \
+        } \
+        PERI__COLUMNS(END1) \
     }
-    PERI__COLUMNS(PERI__STORE2)
-}
 
-static void peri__tile1(int depth, const peri__vec *PERI__RESTRICT a0, const peri_real *PERI__RESTRICT b,
-                        peri__vec *PERI__RESTRICT c0) {
-    int k;
-    PERI__COLUMNS(PERI__LOAD1)
-    for (k = 0; k < depth; k++, b += PERI__TILE) {
-        peri__vec u = a0[k];
-        PERI__COLUMNS(PERI__STEP1)
-    }
-    PERI__COLUMNS(PERI__STORE1)
+PERI__TILE_DEFINE(set, PERI__SET2, PERI__SET1)
+PERI__TILE_DEFINE(add, PERI__ADD2, PERI__ADD1)
+
+/* Where entry (row, c) of a panel stands. */
+PERI__INLINE size_t peri__entry(const peri__panel *p, int row, int c) {
+    return ((size_t)(row / PERI__LANES) * (size_t)p->width + (size_t)c) * PERI__LANES + (size_t)(row % PERI__LANES);
 }
 
 /* Rows row .. row + count - 1 of a panel's first `depth` columns, side by side; what lacks to a tile is 0. */
@@ -1982,8 +1981,8 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
     peri__vec *c = (peri__vec *)(void *)target + (block - shift) * step + (row - shift * PERI__LANES);
     a += block * from;
     for (; block + 1 < blocks; block += 2, a += 2 * from, c += 2 * step)
-        peri__tile2(p->width, a, a + from, right, c, c + step);
-    if (block < blocks) peri__tile1(p->width, a, right, c);
+        peri__tile2_add(p->width, a, a + from, right, c, c + step);
+    if (block < blocks) peri__tile1_add(p->width, a, right, c);
 }
 
 static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p, const peri__panel *to, int row,
@@ -1995,14 +1994,13 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
     int block, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, k;
     for (block = row / PERI__LANES; block < blocks; block += 2) {
         int begin = block * PERI__LANES, half = begin + PERI__LANES, first = row > begin ? row - begin : 0;
-        memset(w->tile, 0, PERI__TILE_BYTES);
         if (block + 1 < blocks) {
-            peri__tile2(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right, tile,
+            peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right, tile,
                         tile + PERI__TILE);
             k = p->height - half < PERI__LANES ? p->height - half : PERI__LANES;
             peri__scatter(w->tile + PERI__TILE * PERI__LANES, rows + half, 0, k, count, w->place, target, rows + row);
         } else {
-            peri__tile1(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
+            peri__tile1_set(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
         }
         k = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
         peri__scatter(w->tile, rows + begin, first, k, count, w->place, target, rows + row);
@@ -2049,28 +2047,43 @@ static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const p
 
 /* Cholesky of the n x n block at (c, c) of a panel, into l, with the inverses of its diagonal; returns the column whose
    pivot is not positive, or n. */
-static int peri__small_factor(peri_cholesky *f, const peri__panel *p, int c, int n, peri_real l[PERI__TILE][PERI__TILE]) {
-    const peri_real *value = f->value + p->at;
+static int peri__small_factor(peri_cholesky *f, const peri__panel *p, int c, int n, peri_real l[PERI__TILE][PERI__TILE],
+                              peri_real inverse[PERI__TILE]) {
     int i, j, k;
     for (j = 0; j < n; j++)
         for (i = j; i < n; i++) {
-            int row = c + i;
-            double x = (double)value[(row / PERI__LANES * p->width + c + j) * PERI__LANES + row % PERI__LANES];
+            double x = (double)f->value[p->at + peri__entry(p, c + i, c + j)];
             for (k = 0; k < j; k++) x -= (double)l[i][k] * (double)l[j][k];
             if (i > j) {
-                l[i][j] = (peri_real)(x * (double)f->inverse[p->first + c + j]);
+                l[i][j] = (peri_real)(x * (double)inverse[j]);
                 continue;
             }
             f->pivot = x;
-            f->inverse[p->first + c + j] = (peri_real)(1 / sqrt(x));
-            if (!(x > 0) || !peri__finite(x) || !peri__finite((double)f->inverse[p->first + c + j])) return j;
+            inverse[j] = (peri_real)(1 / sqrt(x));
+            if (!(x > 0) || !peri__finite(x) || !peri__finite((double)inverse[j])) return j;
         }
     return n;
 }
 
+/* The inverse of l in its place in the panel: a solve multiplies with it, which needs no column to wait for another. */
+static void peri__small_invert(peri_real *value, const peri__panel *p, int c, int n,
+                               peri_real l[PERI__TILE][PERI__TILE], const peri_real inverse[PERI__TILE]) {
+    double m[PERI__TILE][PERI__TILE];
+    int i, j, k;
+    for (j = 0; j < n; j++) {
+        m[j][j] = (double)inverse[j];
+        for (i = j + 1; i < n; i++) {
+            double x = 0;
+            for (k = j; k < i; k++) x -= (double)l[i][k] * m[k][j];
+            m[i][j] = x * (double)inverse[i];
+        }
+        for (i = 0; i < n; i++) value[peri__entry(p, c + i, c + j)] = i < j ? 0 : (peri_real)m[i][j];
+    }
+}
+
 /* Rows of `n` columns of a panel, from the block of row c on, times the inverse of l^T. */
 static void peri__small_solve(peri__vec *x, int step, int blocks, int n, peri_real l[PERI__TILE][PERI__TILE],
-                              const peri_real *inverse) {
+                              const peri_real inverse[PERI__TILE]) {
     int j, k;
     for (; blocks > 0; blocks--, x += step)
         for (j = 0; j < n; j++) {
@@ -2088,37 +2101,33 @@ static void peri__panel_update(peri_real *value, const peri__panel *p, int c, in
     int block = c / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, j;
     peri__pack(value, p->width, c, c, n, w->right);
     for (; n == PERI__TILE && block + 1 < blocks; block += 2)
-        peri__tile2(c, a + block * step, a + (block + 1) * step, w->right, to + block * step, to + (block + 1) * step);
-    for (; n == PERI__TILE && block < blocks; block++) peri__tile1(c, a + block * step, w->right, to + block * step);
+        peri__tile2_add(c, a + block * step, a + (block + 1) * step, w->right, to + block * step, to + (block + 1) * step);
+    for (; n == PERI__TILE && block < blocks; block++) peri__tile1_add(c, a + block * step, w->right, to + block * step);
     for (; block < blocks; block++) {
-        memcpy(tile, to + block * step, (size_t)n * sizeof *tile);
-        for (j = n; j < PERI__TILE; j++) tile[j] = peri__splat(0);
-        peri__tile1(c, a + block * step, w->right, tile);
-        memcpy(to + block * step, tile, (size_t)n * sizeof *tile);
+        peri__tile1_set(c, a + block * step, w->right, tile);
+        for (j = 0; j < n; j++) to[block * step + j] += tile[j];
     }
 }
 
 /* Factorises a panel that has all it gets from others; 0 when a pivot is not positive. */
 static int peri__panel_factor(peri_cholesky *f, const peri__panel *p, const peri__bench *w) {
-    peri_real *value = f->value + p->at, l[PERI__TILE][PERI__TILE];
+    peri_real *value = f->value + p->at, l[PERI__TILE][PERI__TILE], inverse[PERI__TILE];
     peri__vec *x = (peri__vec *)(void *)value;
-    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, c, k, i, n;
+    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, c, k, n;
     for (c = 0; c < p->width; c += PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
         if (c) peri__panel_update(value, p, c, n, w);
-        k = peri__small_factor(f, p, c, n, l);
+        k = peri__small_factor(f, p, c, n, l, inverse);
         if (k < n) {
             f->failed = f->s->order[p->first + c + k];
             return 0;
         }
         k = c / PERI__LANES;
-        peri__small_solve(x + (ptrdiff_t)k * p->width + c, p->width, blocks - k, n, l, f->inverse + p->first + c);
-        for (i = 0; i < n; i++)
-            for (k = 0; k < i; k++)
-                value[((c + i) / PERI__LANES * p->width + c + k) * PERI__LANES + (c + i) % PERI__LANES] = l[i][k];
+        peri__small_solve(x + (ptrdiff_t)k * p->width + c, p->width, blocks - k, n, l, inverse);
+        peri__small_invert(value, p, c, n, l, inverse);
     }
-    for (c = 0; c < p->width; c++)
-        for (k = 0; k <= c; k++) value[(k / PERI__LANES * p->width + c) * PERI__LANES + k % PERI__LANES] = 0;
+    for (c = PERI__TILE; c < p->width; c++)
+        for (k = 0; k < c / PERI__TILE * PERI__TILE; k++) value[peri__entry(p, k, c)] = 0;
     return 1;
 }
 
@@ -2158,29 +2167,6 @@ peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_er
 
 #define PERI__SIDES 3   /* right-hand sides that go through L together */
 
-/* y (of the panel's own columns) = L^-1 y, one right-hand side: in registers of rows. y has room for whole registers. */
-static void peri__down(const peri__vec *value, int width, const peri_real *inverse, peri_real *PERI__RESTRICT y) {
-    peri__vec *d = (peri__vec *)(void *)y;
-    int blocks = (width + PERI__LANES - 1) / PERI__LANES, c, b;
-    for (c = 0; c < width; c++) {
-        peri_real t = y[c] * inverse[c];
-        peri__vec s = peri__splat(t);
-        for (b = c / PERI__LANES; b < blocks; b++) d[b] = peri__less(d[b], value[b * width + c], s);
-        y[c] = t;
-    }
-}
-
-/* y = L^-T y */
-static void peri__up(const peri_real *value, int width, const peri_real *inverse, peri_real *PERI__RESTRICT y) {
-    int c, k;
-    for (c = width - 1; c >= 0; c--) {
-        const peri_real *row = value + (c / PERI__LANES * width) * PERI__LANES + c % PERI__LANES;
-        peri_real t = y[c] * inverse[c];
-        for (k = 0; k < c; k++) y[k] -= row[k * PERI__LANES] * t;
-        y[c] = t;
-    }
-}
-
 #define PERI__THREE(op) op(0) op(1) op(2)
 #define PERI__ONE(op) op(0)
 #define PERI__SUM_BEGIN(q) peri__vec s##q = peri__splat(0), t##q = s##q;
@@ -2216,93 +2202,194 @@ static void peri__up(const peri_real *value, int width, const peri_real *inverse
 PERI__BLOCKS_DEFINE(1, PERI__ONE)
 PERI__BLOCKS_DEFINE(3, PERI__THREE)
 
-/* x[rows] += v for the lanes first .. end - 1. */
-PERI__INLINE void peri__lanes_add(const peri_real *v, const int *rows, int first, int end, peri_real *x) {
-    int k;
-    if (first == 0 && end == PERI__LANES && rows[end - 1] - rows[0] == end - 1) {
-        peri_real *at = x + rows[0];
-        for (k = 0; k < PERI__LANES; k++) at[k] += v[k];
-        return;
-    }
-    for (k = first; k < end; k++) x[rows[k]] += v[k];
+typedef void peri__product(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b,
+                           const peri_real *PERI__RESTRICT y, peri__vec *PERI__RESTRICT out);
+typedef void peri__dots(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b,
+                        const peri__vec *PERI__RESTRICT x, peri__vec *PERI__RESTRICT sum);
+
+/* Right-hand sides on their way through L: side q of row i is x[q * n + i]. */
+typedef struct peri__sides {
+    const peri_cholesky *f;
+    peri_real *x;
+    int n, sides;
+    peri__product *product;
+    peri__dots *dots;
+} peri__sides;
+
+/* The lanes of a block that hold rows below the panel's own: first .. end - 1. */
+PERI__INLINE int peri__lanes_first(const peri__panel *p, int block) {
+    return p->width > block * PERI__LANES ? p->width - block * PERI__LANES : 0;
 }
 
-/* v = x[rows], 0 in the other lanes. */
-PERI__INLINE void peri__lanes_get(const peri_real *x, const int *rows, int first, int end, peri_real *v) {
-    int k;
-    if (first == 0 && end == PERI__LANES && rows[end - 1] - rows[0] == end - 1) {
-        const peri_real *at = x + rows[0];
-        for (k = 0; k < PERI__LANES; k++) v[k] = at[k];
+PERI__INLINE int peri__lanes_end(const peri__panel *p, int block) {
+    return p->height - block * PERI__LANES < PERI__LANES ? p->height - block * PERI__LANES : PERI__LANES;
+}
+
+/* x[rows] += v in the lanes that hold rows below. */
+static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__vec *v) {
+    const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__LANES;
+    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k, q;
+    if (first == 0 && end == PERI__LANES && rows[end - 1] - rows[0] == end - 1) { /* neighbours */
+        for (q = 0; q < t->sides; q++) {
+            peri_real *at = t->x + (ptrdiff_t)q * t->n + rows[0];
+            peri__vec sum;
+            memcpy(&sum, at, sizeof sum);
+            sum += v[q];
+            memcpy(at, &sum, sizeof sum);
+        }
         return;
     }
-    for (k = 0; k < PERI__LANES; k++) v[k] = k >= first && k < end ? x[rows[k]] : 0;
+    for (q = 0; q < t->sides; q++) {
+        peri_real *PERI__RESTRICT x = t->x + (ptrdiff_t)q * t->n;
+        const peri_real *PERI__RESTRICT from = (const peri_real *)(const void *)(v + q);
+        for (k = first; k < end; k++) x[rows[k]] += from[k];
+    }
+}
+
+/* v = x[rows], 0 in the lanes that do not hold rows below. */
+static void peri__block_get(const peri__sides *t, const peri__panel *p, int block, peri__vec *v) {
+    const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__LANES;
+    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k, q;
+    for (q = 0; q < t->sides; q++) {
+        const peri_real *PERI__RESTRICT x = t->x + (ptrdiff_t)q * t->n;
+        peri_real *PERI__RESTRICT to = (peri_real *)(void *)(v + q);
+        if (first == 0 && end == PERI__LANES) {
+            if (rows[end - 1] - rows[0] == end - 1) memcpy(to, x + rows[0], sizeof *v);
+            else for (k = 0; k < PERI__LANES; k++) to[k] = x[rows[k]];
+            continue;
+        }
+        v[q] = peri__splat(0);
+        for (k = first; k < end; k++) to[k] = x[rows[k]];
+    }
+}
+
+/* y = L^-1 y for the panel's own columns, a tile at a time. */
+static void peri__down(const peri__sides *t, const peri__vec *value, int width, peri_real *y) {
+    peri__vec out[2 * PERI__SIDES];
+    peri_real z[PERI__SIDES * PERI__TILE];
+    const peri_real *lane = (const peri_real *)(const void *)out;
+    int blocks = (width + PERI__LANES - 1) / PERI__LANES, c, b, q, k, n;
+    for (c = 0; c < width; c += PERI__TILE) {
+        n = width - c < PERI__TILE ? width - c : PERI__TILE;
+        for (b = c / PERI__LANES; b * PERI__LANES < c + n; b++) { /* the inverse of its block */
+            const peri__vec *v = value + (ptrdiff_t)b * width + c;
+            int begin = b * PERI__LANES < c ? c - b * PERI__LANES : 0;
+            int end = (b + 1) * PERI__LANES > c + n ? c + n - b * PERI__LANES : PERI__LANES;
+            t->product(n, v, v, y + c, out);
+            for (q = 0; q < t->sides; q++)
+                for (k = begin; k < end; k++) z[q * PERI__TILE + b * PERI__LANES + k - c] = -lane[q * PERI__LANES + k];
+        }
+        for (q = 0; q < t->sides; q++)
+            for (k = 0; k < n; k++) y[q * PERI__WIDTH + c + k] = z[q * PERI__TILE + k];
+        for (b = (c + n) / PERI__LANES; b < blocks; b++) { /* what it gives to the columns after it */
+            const peri__vec *v = value + (ptrdiff_t)b * width + c;
+            t->product(n, v, v, y + c, out);
+            for (q = 0; q < t->sides; q++)
+                for (k = b * PERI__LANES < c + n ? c + n - b * PERI__LANES : 0; k < PERI__LANES; k++)
+                    y[q * PERI__WIDTH + b * PERI__LANES + k] += lane[q * PERI__LANES + k];
+        }
+    }
 }
 
 /* x = L^-1 x: a panel's own columns, then the rows below, two blocks at a time. */
-static void peri__forward(const peri_cholesky *f, const peri__panel *p, int sides, peri_real *x) {
-    const peri__vec *value = (const peri__vec *)(const void *)(f->value + p->at);
-    const int *rows = f->s->rows + p->row;
-    int n = f->s->n, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k;
+static void peri__forward(const peri__sides *t, const peri__panel *p) {
+    const peri__vec *value = (const peri__vec *)(const void *)(t->f->value + p->at);
+    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k;
     peri__vec own[PERI__SIDES * PERI__WIDTH / PERI__LANES], out[2 * PERI__SIDES];
     peri_real *y = (peri_real *)(void *)own;
-    for (q = 0; q < sides; q++) {
-        peri_real *from = x + (ptrdiff_t)q * n + p->first, *to = y + q * PERI__WIDTH;
-        memcpy(to, from, (size_t)p->width * sizeof *to);
-        for (k = p->width; k % PERI__LANES; k++) to[k] = 0;
-        peri__down(value, p->width, f->inverse + p->first, to);
-        memcpy(from, to, (size_t)p->width * sizeof *to);
+    for (q = 0; q < t->sides; q++) {
+        memcpy(y + q * PERI__WIDTH, t->x + (ptrdiff_t)q * t->n + p->first, (size_t)p->width * sizeof *y);
+        for (k = p->width; k % PERI__LANES; k++) y[q * PERI__WIDTH + k] = 0;
     }
+    peri__down(t, value, p->width, y);
+    for (q = 0; q < t->sides; q++)
+        memcpy(t->x + (ptrdiff_t)q * t->n + p->first, y + q * PERI__WIDTH, (size_t)p->width * sizeof *y);
     for (b = p->width / PERI__LANES; b < blocks; b += 2) {
-        const peri__vec *one = value + (ptrdiff_t)b * p->width, *two = b + 1 < blocks ? one + p->width : one;
-        (sides == 3 ? peri__product3 : peri__product1)(p->width, one, two, y, out);
-        for (q = 0; q < 2 && b + q < blocks; q++) {
-            int begin = (b + q) * PERI__LANES, first = p->width > begin ? p->width - begin : 0;
-            int end = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
-            for (k = 0; k < sides; k++)
-                peri__lanes_add((const peri_real *)(const void *)(out + q * PERI__SIDES + k), rows + begin, first, end,
-                                x + (ptrdiff_t)k * n);
+        const peri__vec *one = value + (ptrdiff_t)b * p->width;
+        t->product(p->width, one, b + 1 < blocks ? one + p->width : one, y, out);
+        peri__block_add(t, p, b, out);
+        if (b + 1 < blocks) peri__block_add(t, p, b + 1, out + PERI__SIDES);
+    }
+}
+
+/* Sum of the lanes of what peri__dots left for side q of column c. */
+PERI__INLINE peri_real peri__lanes_sum(const peri__vec *sum, int c, int q) {
+    const peri_real *a = (const peri_real *)(const void *)(sum + PERI__SIDES * c + q);
+    peri_real s[4] = {0, 0, 0, 0};
+    int k;
+    if (PERI__LANES < 4) return PERI__LANES == 2 ? a[0] + a[PERI__LANES - 1] : a[0];
+    for (k = 0; k + 4 <= PERI__LANES; k += 4) {
+        s[0] += a[k];
+        s[1] += a[k + 1];
+        s[2] += a[k + 2];
+        s[3] += a[k + 3];
+    }
+    return (s[0] + s[2]) + (s[1] + s[3]);
+}
+
+/* x = L^-T x of a panel's own columns, from the last tile to the first; sum: what the rows below give. */
+static void peri__up(const peri__sides *t, const peri__panel *p, peri__vec *sum) {
+    const peri_real *value = t->f->value + p->at;
+    peri__vec own[PERI__SIDES * PERI__WIDTH / PERI__LANES], in[2 * PERI__SIDES];
+    peri_real *done = (peri_real *)(void *)own; /* 0 where not yet */
+    int blocks = (p->width + PERI__LANES - 1) / PERI__LANES, c, b, q, k, i, n;
+    for (q = 0; q < t->sides; q++) memset(done + q * PERI__WIDTH, 0, (size_t)blocks * sizeof *own);
+    for (c = (p->width - 1) / PERI__TILE * PERI__TILE; c >= 0; c -= PERI__TILE) {
+        n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
+        for (b = (c + n) / PERI__LANES; b < blocks; b += 2) {
+            const peri__vec *one = (const peri__vec *)(const void *)value + (ptrdiff_t)b * p->width + c;
+            for (q = 0; q < t->sides; q++) {
+                in[q] = own[q * PERI__WIDTH / PERI__LANES + b];
+                in[PERI__SIDES + q] = b + 1 < blocks ? own[q * PERI__WIDTH / PERI__LANES + b + 1] : peri__splat(0);
+            }
+            t->dots(n, one, b + 1 < blocks ? one + p->width : one, in, sum + PERI__SIDES * c);
+        }
+        for (q = 0; q < t->sides; q++) {
+            peri_real *x = t->x + (ptrdiff_t)q * t->n + p->first + c;
+            for (k = 0; k < n; k++) x[k] += peri__lanes_sum(sum, c + k, q);
+            for (k = 0; k < n; k++) { /* with the transposed inverse, from above: x[k] is not needed again */
+                peri_real s = 0;
+                for (i = k; i < n; i++) s += value[peri__entry(p, c + i, c + k)] * x[i];
+                x[k] = done[q * PERI__WIDTH + c + k] = s;
+            }
         }
     }
 }
 
 /* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other. */
-static void peri__backward(const peri_cholesky *f, const peri__panel *p, int sides, peri_real *x) {
-    const peri__vec *value = (const peri__vec *)(const void *)(f->value + p->at);
-    const int *rows = f->s->rows + p->row;
-    int n = f->s->n, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k, c;
+static void peri__backward(const peri__sides *t, const peri__panel *p) {
+    const peri__vec *value = (const peri__vec *)(const void *)(t->f->value + p->at);
+    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q;
     peri__vec sum[PERI__SIDES * PERI__WIDTH], in[2 * PERI__SIDES];
     memset(sum, 0, PERI__SIDES * (size_t)p->width * sizeof *sum);
     for (b = p->width / PERI__LANES; b < blocks; b += 2) {
-        const peri__vec *one = value + (ptrdiff_t)b * p->width, *two = b + 1 < blocks ? one + p->width : one;
-        for (q = 0; q < 2; q++) {
-            int begin = (b + q) * PERI__LANES, first = p->width > begin ? p->width - begin : 0;
-            int end = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
-            for (k = 0; k < sides; k++)
-                peri__lanes_get(x + (ptrdiff_t)k * n, rows + (b + q < blocks ? begin : 0), first, end,
-                                (peri_real *)(void *)(in + q * PERI__SIDES + k));
-        }
-        (sides == 3 ? peri__dots3 : peri__dots1)(p->width, one, two, in, sum);
+        const peri__vec *one = value + (ptrdiff_t)b * p->width;
+        peri__block_get(t, p, b, in);
+        if (b + 1 < blocks) peri__block_get(t, p, b + 1, in + PERI__SIDES);
+        else for (q = 0; q < t->sides; q++) in[PERI__SIDES + q] = peri__splat(0);
+        t->dots(p->width, one, b + 1 < blocks ? one + p->width : one, in, sum);
     }
-    for (q = 0; q < sides; q++) {
-        peri_real *y = x + (ptrdiff_t)q * n + p->first;
-        for (c = 0; c < p->width; c++) y[c] += peri__lanes_sum((const peri_real *)(const void *)(sum + PERI__SIDES * c + q));
-        peri__up(f->value + p->at, p->width, f->inverse + p->first, y);
-    }
+    peri__up(t, p, sum);
 }
 
 void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work) {
-    int n, i, j, q, c, sides;
+    peri__sides t;
+    int i, j, q, c;
     PERI_ASSERT(f && f->ready && rhs >= 1);
     if (!f || !f->ready) return;
-    n = f->s->n;
-    for (c = 0; c < rhs; c += sides) {
-        sides = rhs - c >= PERI__SIDES ? PERI__SIDES : 1;
-        for (i = 0; i < n; i++)
-            for (q = 0; q < sides; q++) work[(ptrdiff_t)q * n + i] = x[rhs * (ptrdiff_t)f->s->order[i] + c + q];
-        for (j = 0; j < f->s->panels; j++) peri__forward(f, f->s->panel + j, sides, work);
-        for (j = f->s->panels - 1; j >= 0; j--) peri__backward(f, f->s->panel + j, sides, work);
-        for (i = 0; i < n; i++)
-            for (q = 0; q < sides; q++) x[rhs * (ptrdiff_t)f->s->order[i] + c + q] = work[(ptrdiff_t)q * n + i];
+    t.f = f;
+    t.x = work;
+    t.n = f->s->n;
+    for (c = 0; c < rhs; c += t.sides) {
+        t.sides = rhs - c >= PERI__SIDES ? PERI__SIDES : 1;
+        t.product = t.sides == PERI__SIDES ? peri__product3 : peri__product1;
+        t.dots = t.sides == PERI__SIDES ? peri__dots3 : peri__dots1;
+        for (i = 0; i < t.n; i++)
+            for (q = 0; q < t.sides; q++) work[(ptrdiff_t)q * t.n + i] = x[rhs * (ptrdiff_t)f->s->order[i] + c + q];
+        for (j = 0; j < f->s->panels; j++) peri__forward(&t, f->s->panel + j);
+        for (j = f->s->panels - 1; j >= 0; j--) peri__backward(&t, f->s->panel + j);
+        for (i = 0; i < t.n; i++)
+            for (q = 0; q < t.sides; q++) x[rhs * (ptrdiff_t)f->s->order[i] + c + q] = work[(ptrdiff_t)q * t.n + i];
     }
 }
 
