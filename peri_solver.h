@@ -842,8 +842,10 @@ void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps,
 #define PERI__TILE 4
 #endif
 #define PERI__INLINE static inline __attribute__((always_inline, unused))
+#define PERI__PREFETCH(at) __builtin_prefetch(at);
 #else
 #define PERI__INLINE static
+#define PERI__PREFETCH(at)
 #endif
 #ifdef PERI__VECTOR
 typedef peri_real peri__vec __attribute__((vector_size(PERI__VECTOR), may_alias));
@@ -2185,6 +2187,8 @@ peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_er
         sides(PERI__SUM_BEGIN) \
         for (c = 0; c < width; c++) { \
             peri__vec u = a[c], v = b[c]; \
+            PERI__PREFETCH(a + c + 2 * width) \
+            PERI__PREFETCH(b + c + 2 * width) \
             sides(PERI__SUM_STEP) \
         } \
         sides(PERI__SUM_END) \
@@ -2195,6 +2199,8 @@ peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_er
         sides(PERI__DOT_BEGIN) \
         for (c = 0; c < width; c++) { \
             peri__vec u = a[c], v = b[c]; \
+            PERI__PREFETCH(a + c + 2 * width) \
+            PERI__PREFETCH(b + c + 2 * width) \
             sides(PERI__DOT_STEP) \
         } \
     }
@@ -2312,19 +2318,41 @@ static void peri__forward(const peri__sides *t, const peri__panel *p) {
     }
 }
 
-/* Sum of the lanes of what peri__dots left for side q of column c. */
-PERI__INLINE peri_real peri__lanes_sum(const peri__vec *sum, int c, int q) {
-    const peri_real *a = (const peri_real *)(const void *)(sum + PERI__SIDES * c + q);
-    peri_real s[4] = {0, 0, 0, 0};
-    int k;
-    if (PERI__LANES < 4) return PERI__LANES == 2 ? a[0] + a[PERI__LANES - 1] : a[0];
-    for (k = 0; k + 4 <= PERI__LANES; k += 4) {
-        s[0] += a[k];
-        s[1] += a[k + 1];
-        s[2] += a[k + 2];
-        s[3] += a[k + 3];
+/* Sum of the lanes, always in the same order. */
+PERI__INLINE peri_real peri__lanes_sum(const peri__vec *v) {
+#ifdef PERI__VECTOR
+    typedef peri_real quarter __attribute__((vector_size(16), may_alias));
+    const quarter *a = (const quarter *)(const void *)v;
+    quarter s = a[0];
+    if (PERI__VECTOR == 32) s = a[0] + a[PERI__VECTOR / 16 - 1];
+    if (PERI__VECTOR == 64) s = (a[0] + a[PERI__VECTOR / 32]) + (a[PERI__VECTOR / 64] + a[PERI__VECTOR / 16 - 1]);
+    return sizeof(peri_real) == 8 ? s[0] + s[1] : (s[0] + s[16 / sizeof(peri_real) / 2]) + (s[1] + s[16 / sizeof(peri_real) - 1]);
+#else
+    return *v;
+#endif
+}
+
+/* done = L^-T (x + sum) for a tile of n columns: with the inverse of its block, row by row in registers. */
+static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int n, const peri__vec *sum,
+                          peri_real *done) {
+    peri__vec in[2 * PERI__SIDES], out[PERI__SIDES * PERI__TILE];
+    int b, q, k;
+    memset(out, 0, PERI__SIDES * (size_t)n * sizeof *out);
+    for (b = c / PERI__LANES; b * PERI__LANES < c + n; b++) {
+        const peri__vec *v = (const peri__vec *)(const void *)(t->f->value + p->at) + (ptrdiff_t)b * p->width + c;
+        int begin = b * PERI__LANES < c ? c - b * PERI__LANES : 0;
+        int end = (b + 1) * PERI__LANES > c + n ? c + n - b * PERI__LANES : PERI__LANES;
+        for (q = 0; q < t->sides; q++) {
+            const peri_real *x = t->x + (ptrdiff_t)q * t->n + p->first;
+            in[q] = in[PERI__SIDES + q] = peri__splat(0);
+            for (k = begin; k < end; k++)
+                ((peri_real *)(void *)(in + q))[k] =
+                    x[b * PERI__LANES + k] + peri__lanes_sum(sum + PERI__SIDES * (b * PERI__LANES + k - c) + q);
+        }
+        t->dots(n, v, v, in, out);
     }
-    return (s[0] + s[2]) + (s[1] + s[3]);
+    for (q = 0; q < t->sides; q++)
+        for (k = 0; k < n; k++) done[q * PERI__WIDTH + c + k] = -peri__lanes_sum(out + PERI__SIDES * k + q);
 }
 
 /* x = L^-T x of a panel's own columns, from the last tile to the first; sum: what the rows below give. */
@@ -2332,7 +2360,7 @@ static void peri__up(const peri__sides *t, const peri__panel *p, peri__vec *sum)
     const peri_real *value = t->f->value + p->at;
     peri__vec own[PERI__SIDES * PERI__WIDTH / PERI__LANES], in[2 * PERI__SIDES];
     peri_real *done = (peri_real *)(void *)own; /* 0 where not yet */
-    int blocks = (p->width + PERI__LANES - 1) / PERI__LANES, c, b, q, k, i, n;
+    int blocks = (p->width + PERI__LANES - 1) / PERI__LANES, c, b, q, n;
     for (q = 0; q < t->sides; q++) memset(done + q * PERI__WIDTH, 0, (size_t)blocks * sizeof *own);
     for (c = (p->width - 1) / PERI__TILE * PERI__TILE; c >= 0; c -= PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
@@ -2344,16 +2372,10 @@ static void peri__up(const peri__sides *t, const peri__panel *p, peri__vec *sum)
             }
             t->dots(n, one, b + 1 < blocks ? one + p->width : one, in, sum + PERI__SIDES * c);
         }
-        for (q = 0; q < t->sides; q++) {
-            peri_real *x = t->x + (ptrdiff_t)q * t->n + p->first + c;
-            for (k = 0; k < n; k++) x[k] += peri__lanes_sum(sum, c + k, q);
-            for (k = 0; k < n; k++) { /* with the transposed inverse, from above: x[k] is not needed again */
-                peri_real s = 0;
-                for (i = k; i < n; i++) s += value[peri__entry(p, c + i, c + k)] * x[i];
-                x[k] = done[q * PERI__WIDTH + c + k] = s;
-            }
-        }
+        peri__tile_up(t, p, c, n, sum + PERI__SIDES * c, done);
     }
+    for (q = 0; q < t->sides; q++)
+        memcpy(t->x + (ptrdiff_t)q * t->n + p->first, done + q * PERI__WIDTH, (size_t)p->width * sizeof *done);
 }
 
 /* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other. */
