@@ -863,7 +863,7 @@ typedef peri_real peri__vec;
 PERI__INLINE peri__vec peri__splat(peri_real x) {
 #ifdef PERI__VECTOR
     peri__vec zero = {0};
-    return zero + x;
+    return x - zero; /* which a compiler may drop, unlike x + 0 */
 #else
     return x;
 #endif
