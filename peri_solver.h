@@ -2231,6 +2231,17 @@ PERI__INLINE int peri__lanes_end(const peri__panel *p, int block) {
     return p->height - block * PERI__LANES < PERI__LANES ? p->height - block * PERI__LANES : PERI__LANES;
 }
 
+static void peri__lanes_add(const int *PERI__RESTRICT rows, int first, int end, const peri_real *PERI__RESTRICT v,
+                            peri_real *PERI__RESTRICT x, ptrdiff_t n) {
+    int k;
+    for (k = first; k < end; k++) {
+        peri_real *at = x + rows[k];
+        at[0] += v[k];
+        at[n] += v[PERI__LANES + k];
+        at[2 * n] += v[2 * PERI__LANES + k];
+    }
+}
+
 /* x[rows] += v in the lanes that hold rows below. */
 static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__vec *v) {
     const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__LANES;
@@ -2245,11 +2256,8 @@ static void peri__block_add(const peri__sides *t, const peri__panel *p, int bloc
         }
         return;
     }
-    for (q = 0; q < t->sides; q++) {
-        peri_real *PERI__RESTRICT x = t->x + (ptrdiff_t)q * t->n;
-        const peri_real *PERI__RESTRICT from = (const peri_real *)(const void *)(v + q);
-        for (k = first; k < end; k++) x[rows[k]] += from[k];
-    }
+    if (t->sides == PERI__SIDES) peri__lanes_add(rows, first, end, (const peri_real *)(const void *)v, t->x, t->n);
+    else for (k = first; k < end; k++) t->x[rows[k]] += ((const peri_real *)(const void *)v)[k];
 }
 
 /* v = x[rows], 0 in the lanes that do not hold rows below. */
@@ -2332,27 +2340,24 @@ PERI__INLINE peri_real peri__lanes_sum(const peri__vec *v) {
 #endif
 }
 
-/* done = L^-T (x + sum) for a tile of n columns: with the inverse of its block, row by row in registers. */
+/* done = L^-T (x + sum) for a tile of n columns: times the transposed inverse of its block. */
 static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int n, const peri__vec *sum,
                           peri_real *done) {
-    peri__vec in[2 * PERI__SIDES], out[PERI__SIDES * PERI__TILE];
-    int b, q, k;
-    memset(out, 0, PERI__SIDES * (size_t)n * sizeof *out);
-    for (b = c / PERI__LANES; b * PERI__LANES < c + n; b++) {
-        const peri__vec *v = (const peri__vec *)(const void *)(t->f->value + p->at) + (ptrdiff_t)b * p->width + c;
-        int begin = b * PERI__LANES < c ? c - b * PERI__LANES : 0;
-        int end = (b + 1) * PERI__LANES > c + n ? c + n - b * PERI__LANES : PERI__LANES;
-        for (q = 0; q < t->sides; q++) {
-            const peri_real *x = t->x + (ptrdiff_t)q * t->n + p->first;
-            in[q] = in[PERI__SIDES + q] = peri__splat(0);
-            for (k = begin; k < end; k++)
-                ((peri_real *)(void *)(in + q))[k] =
-                    x[b * PERI__LANES + k] + peri__lanes_sum(sum + PERI__SIDES * (b * PERI__LANES + k - c) + q);
-        }
-        t->dots(n, v, v, in, out);
-    }
+    const peri_real *value = t->f->value + p->at;
+    peri_real x[PERI__SIDES][PERI__TILE];
+    int q, k, i;
     for (q = 0; q < t->sides; q++)
-        for (k = 0; k < n; k++) done[q * PERI__WIDTH + c + k] = -peri__lanes_sum(out + PERI__SIDES * k + q);
+        for (k = 0; k < n; k++)
+            x[q][k] = t->x[(ptrdiff_t)q * t->n + p->first + c + k] + peri__lanes_sum(sum + PERI__SIDES * k + q);
+    for (k = 0; k < n; k++) {
+        const peri_real *column = value + peri__entry(p, c, c + k); /* a tile fits into a block, or has several */
+        for (q = 0; q < t->sides; q++) {
+            peri_real s = 0;
+            if (PERI__LANES >= PERI__TILE) for (i = k; i < n; i++) s += column[i] * x[q][i];
+            else for (i = k; i < n; i++) s += value[peri__entry(p, c + i, c + k)] * x[q][i];
+            done[q * PERI__WIDTH + c + k] = s;
+        }
+    }
 }
 
 /* x = L^-T x of a panel's own columns, from the last tile to the first; sum: what the rows below give. */
