@@ -431,9 +431,9 @@ static void print_ratios(const result *r, int cases) {
     size_t k;
     printf("\n%-69s target median  worst\n", "ratios");
     for (k = 0; k < sizeof ratios / sizeof *ratios; k++) {
-        int is = print_ratio(&ratios[k], r, cases);
-        reached += is > 0;
-        targets += is >= 0;
+        int mark = print_ratio(&ratios[k], r, cases);
+        reached += mark > 0;
+        targets += mark >= 0;
     }
     printf("%d of %d targets reached\n", reached, targets);
 }

@@ -7,7 +7,7 @@ set colorsequence podo
 set logscale xy
 set autoscale xfix
 set grid
-set key bottom right Left reverse samplen 1.5
+set key bottom right Left reverse samplen 1.5 font ",8"
 set xlabel "particles"
 at(shape, solver, precision, column) = strcol(1) eq shape && strcol(2) eq "2.00" && strcol(4) eq solver && \
     strcol(5) eq precision && strlen(strcol(column)) ? column(column) : NaN

@@ -26,7 +26,8 @@ static int find(const char *name, void *function, size_t bytes) {
     return at != NULL;
 }
 
-/* CHOLMOD's own loops take 4 threads of OpenMP, whatever it is told elsewhere; a thread's clock sees one of them. */
+/* CHOLMOD's own loops take 4 threads of OpenMP, whatever else it is told: a clock of one thread misses work, and one
+   that shares few cores waits, so that a factorisation takes twice as long. */
 static void openmp_levels(int levels) {
     void (*set_levels)(int);
     if (find("omp_set_max_active_levels", &set_levels, sizeof set_levels)) set_levels(levels);
