@@ -83,6 +83,21 @@ $(BUILD)/bench/%: tests/bench/%.c $(HEADERS)
 	@mkdir -p $(@D) && rm -f $@
 	$(COMPILE) -o $@ $< -lm
 
+# The Cholesky benchmark has peri in both precisions, and the peers that are installed.
+installed = $(shell $(1) -E -include $(2) /dev/null >/dev/null 2>&1 && echo yes)
+CHOLMOD = $(call installed,$(CC) -x c,suitesparse/cholmod.h)
+EIGEN = $(call installed,$(CXX) -x c++,eigen3/Eigen/SparseCholesky)
+
+$(BUILD)/bench/cholesky: tests/bench/cholesky.c $(wildcard tests/bench/cholesky/*) $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@ $@.*.o
+	$(COMPILE) -c -o $@.float.o tests/bench/cholesky/peri.c
+	$(COMPILE) -c -o $@.double.o -DPERI_DOUBLE tests/bench/cholesky/peri.c
+	$(COMPILE) -c -o $@.problem.o tests/bench/cholesky/problem.c
+	$(if $(CHOLMOD),$(COMPILE) -c -o $@.cholmod.o tests/bench/cholesky/cholmod.c)
+	$(if $(EIGEN),$(CXX) $(CFLAGS) -DNDEBUG -c -o $@.eigen.o tests/bench/cholesky/eigen.cpp)
+	$(COMPILE) -c -o $@.main.o $(CHOLMOD:yes=-DBENCH_CHOLMOD) $(EIGEN:yes=-DBENCH_EIGEN) $<
+	$(if $(EIGEN),$(CXX),$(CC)) $(CFLAGS) -o $@ $@.*.o $(if $(CHOLMOD),-lcholmod -ldl) -lm
+
 # A benchmark is told where its table goes and how long it may take; it prints one for people.
 $(BUILD)/bench/%.csv: $(BUILD)/bench/% FORCE
 	$< $@ $(SIZE)
