@@ -862,7 +862,7 @@ static int peri__particle_rows(peri_world *w, void ***array, size_t *bytes, unsi
     PERI__ROW(coef, (size_t)w->stride * r, PERI__WANT_SOLVE);
     PERI__ROW(plate, PERI__PLATE_STRIDE * r, PERI__WANT_PLATE);
     PERI__ROW(partial, sizeof(double), PERI__WANT_SOLVE);
-    PERI__ROW(work, (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * r, PERI__WANT_SOLVE);
+    PERI__ROW(work, 6 * r, PERI__WANT_SOLVE);
     PERI__ROW(history, 2 * (size_t)w->def.lbfgs * r3, PERI__WANT_LBFGS);
 #undef PERI__ROW
     return n;
@@ -6117,7 +6117,7 @@ static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
     if (w->def.solver == PERI_SOLVER_AUTO && (bad == PERI_ERROR_MEMORY || bad == PERI_ERROR_LIMIT)) {
         b->solver = PERI_SOLVER_CHEBYSHEV;
         if (w->def.log) w->def.log("no room for a Cholesky factor: Chebyshev is used instead", w->def.user);
-        return peri__reserve(w, w->particles, PERI__WANT_CHEBYSHEV, 0);
+        return PERI_OK;
     }
     w->error = err;
     return bad;
@@ -6158,7 +6158,6 @@ static peri_result peri__matrix_make(peri_world *w, peri__body *b) {
     int i;
     for (i = 0; i < b->count; i++) b->pinned[i] = w->p[peri__pin_at(b, i)];
     peri__matrix_values(w, b);
-    if (b->solver == PERI_SOLVER_CHEBYSHEV) bad = peri__reserve(w, w->particles, PERI__WANT_CHEBYSHEV, 0);
 #ifndef PERI_NO_CHOLESKY
     if (b->solver == PERI_SOLVER_CHOLESKY) bad = peri__matrix_factor(w, b);
 #endif
@@ -6186,7 +6185,7 @@ static peri_result peri__matrices_prepare(peri_world *w, const peri__island *isl
 static void peri__global_body(peri_world *w, const peri__body *b, const peri_real *g, peri_real *p) {
     peri_matrix a = peri__matrix(b);
     size_t k, n = 3 * (size_t)b->count;
-    peri_real *work = w->work + (w->wants & PERI__WANT_CHEBYSHEV ? 6 : 3) * (size_t)b->at;
+    peri_real *work = w->work + 6 * (size_t)b->at;
     double low, scale = (double)w->def.matrix_scale;
     switch (b->solver) {
     case PERI_SOLVER_JACOBI: peri_jacobi3(&a, &w->def.parallel, g, p); break;

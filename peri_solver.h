@@ -8,16 +8,19 @@
        #define PERI_IMPLEMENTATION      in ONE translation unit, before the include
        #include "peri_solver.h"
 
-   QUICK START (three unknowns in a row, three right-hand sides side by side)
-       int row[] = {0, 1, 3, 4}, col[] = {1, 0, 2, 1};
-       peri_real off[] = {-1, -1, -1, -1}, diag[] = {2, 2, 2};
-       peri_real b[9] = {1,0,0, 0,1,0, 0,0,1}, work[9];
-       peri_matrix a;  peri_cholesky *f = NULL;  peri_error err;
-       a.n = 3; a.row = row; a.col = col; a.value = off; a.diagonal = diag;
-       if (peri_cholesky_create(&a, NULL, NULL, &f, &err) == PERI_OK &&
-           peri_cholesky_factor(f, &a, &err) == PERI_OK)
-           peri_cholesky_solve(f, 3, b, work);          (b now holds x)
+   QUICK START (three unknowns in a row; the lower triangle as triplets; one right-hand side)
+       int i[] = {0, 1, 2, 1, 2}, j[] = {0, 1, 2, 0, 1};
+       peri_real value[] = {2, 2, 2, -1, -1}, b[3] = {1, 0, 0}, work[6];
+       peri_sparse *a = NULL;  peri_cholesky *f = NULL;  peri_error err;
+       if (peri_sparse_from_triplets(3, 5, i, j, PERI_TRIANGLE_LOWER, NULL, &a, &err) == PERI_OK &&
+           peri_sparse_set(a, value, &err) == PERI_OK &&
+           peri_cholesky_create(peri_sparse_matrix(a), NULL, NULL, &f, &err) == PERI_OK &&
+           peri_cholesky_factor(f, peri_sparse_matrix(a), &err) == PERI_OK)
+           peri_cholesky_solve(f, 1, b, work);          (b now holds x = 3/4, 1/2, 1/4)
        peri_cholesky_destroy(f);
+       peri_sparse_destroy(a);
+   Values change, the pattern stays: peri_sparse_set and peri_cholesky_factor again. A few rows change:
+   peri_cholesky_update. A guess is known, or double precision wanted of float: peri_cholesky_refine.
 
    DOES       sparse Cholesky with nested dissection or minimum degree, float or double; Jacobi; Jacobi + Chebyshev;
               L-BFGS over any preconditioner; 3x3 eigenvalues, SVD, polar; 6x6 inverse; reproducible log and exp.
@@ -197,31 +200,79 @@ PERI_DEF void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, in
                               const peri_real *b, peri_real *x, peri_real *work);
 
 /* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------ */
+
+/* Which entries (i, j) off the diagonal a caller hands over; the others of the two are ignored. */
+typedef enum peri_triangle {
+    PERI_TRIANGLE_LOWER,    /* i > j */
+    PERI_TRIANGLE_UPPER,    /* i < j */
+    PERI_TRIANGLE_BOTH      /* each entry and its mirror image, which must have the same value */
+} peri_triangle;
+
+typedef struct peri_sparse peri_sparse;
+
+/* The pattern of a symmetric matrix from `count` triplets: entry k stands at (i[k], j[k]), in any order; entries at the
+   same place are added. memory NULL: realloc and free; it must outlive the matrix. Errors: ARGUMENT, INDEX, LIMIT
+   (above 2^31 entries), MEMORY. */
+PERI_DEF peri_result peri_sparse_from_triplets(int n, int count, const int *i, const int *j, peri_triangle triangle,
+                                               const peri_allocator *memory, peri_sparse **out, peri_error *err);
+
+/* The same from compressed columns (or, the matrix being symmetric, rows): entry k, start[j] <= k < start[j + 1],
+   stands at (row[k], j). Rows of a column in any order. */
+PERI_DEF peri_result peri_sparse_from_columns(int n, const int *start, const int *row, peri_triangle triangle,
+                                              const peri_allocator *memory, peri_sparse **out, peri_error *err);
+
+/* Sets the values, in the order of the entries that the pattern was made from; as often as wanted. VALUE: one is not
+   finite, or (PERI_TRIANGLE_BOTH) two mirror images differ; the old values then stay. */
+PERI_DEF peri_result peri_sparse_set(peri_sparse *s, const peri_real *value, peri_error *err);
+
+/* The matrix, until s is destroyed; zero before peri_sparse_set. */
+PERI_DEF const peri_matrix *peri_sparse_matrix(const peri_sparse *s);
+/* Frees; NULL is fine. */
+PERI_DEF void peri_sparse_destroy(peri_sparse *s);
+
 #ifndef PERI_NO_CHOLESKY
 
 typedef struct peri_cholesky peri_cholesky;
 
 /* Analyses the pattern of a (values are not read): ordering, elimination tree, column counts. xyz: 3 n coordinates
-   (nested dissection by position) or NULL (minimum degree on the graph). memory NULL: realloc and free; it must
-   outlive the factor. Errors: ARGUMENT, INDEX (pattern), VALUE (a coordinate is not finite), LIMIT (factor beyond
-   2^31 entries), MEMORY. */
+   (nested dissection by position, leaves by minimum degree) or NULL (minimum degree on the graph). memory NULL: realloc
+   and free; it must outlive the factor. Errors: ARGUMENT, INDEX (pattern), VALUE (a coordinate is not finite), LIMIT
+   (factor beyond 2^31 entries), MEMORY. */
 PERI_DEF peri_result peri_cholesky_create(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
                                           peri_cholesky **out, peri_error *err);
+
+/* A factor for another matrix of the same pattern: shares the analysis of `other`, which may be destroyed first. Not
+   while another thread creates or destroys one that shares it. */
+PERI_DEF peri_result peri_cholesky_create_like(const peri_cholesky *other, const peri_allocator *memory,
+                                               peri_cholesky **out, peri_error *err);
+
+/* Lets factor and solve use threads (NULL: none, as at first); the same bits whatever their number. */
+PERI_DEF void peri_cholesky_threads(peri_cholesky *f, const peri_parallel *par);
 
 /* Computes L from the values of a, whose pattern must be the one analysed (else ARGUMENT); may be called again.
    PERI_ERROR_PIVOT names the first row whose pivot is not positive; the factor is then unusable until it succeeds. */
 PERI_DEF peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err);
 
-/* Overwrites x (rhs * n, in: b, out: the solution). rhs 1 to 3; work: rhs * n. Reads f only: may run at once on
-   several threads with different x and work. */
+/* The same where only entries of the `count` rows named (and of their columns) have changed since the last success:
+   computes only what depends on them. INDEX: a row outside [0, n). */
+PERI_DEF peri_result peri_cholesky_update(peri_cholesky *f, const peri_matrix *a, int count, const int *rows,
+                                          peri_error *err);
+
+/* Overwrites x (rhs * n, in: b, out: the solution), any number of right-hand sides, three at a time. work: 2 * n *
+   min(rhs, 3). Reads f only: may run at once on several threads with different x and work. */
 PERI_DEF void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work);
 
-/* Entries of L. */
-PERI_DEF peri_result peri_cholesky_create_like(const peri_cholesky *other, const peri_allocator *memory,
-                                               peri_cholesky **out, peri_error *err);
+/* One step of iterative refinement: x += solution of A y = b - A x, the residual in double. From a warm start a float
+   factor leaves 1e-6 after one step and 1e-9 after two, up to conditions of about 1e5. work: n * (rhs + 2 min(rhs, 3)).
+   Returns |b - A x| / |b| of the x passed in (of b = 0: |A x|); -1 when f is not ready. */
+PERI_DEF double peri_cholesky_refine(const peri_cholesky *f, const peri_matrix *a, int rhs, const double *b, double *x,
+                                     peri_real *work);
+
+/* The row whose pivot was not positive, or -1. */
 PERI_DEF int peri_cholesky_pivot(const peri_cholesky *f);
+/* Entries of L, without the zeros that widen its columns. */
 PERI_DEF size_t peri_cholesky_entries(const peri_cholesky *f);
-/* Bytes held by the factor, symbolic part included. */
+/* Bytes held by the factor; what create_like shares counts for each. */
 PERI_DEF size_t peri_cholesky_bytes(const peri_cholesky *f);
 
 /* Multiplications and additions of one factorisation, counted from the pattern. */
@@ -264,6 +315,7 @@ PERI_DEF void peri_lbfgs_apply(const peri_lbfgs *l, const peri_parallel *par, co
 #ifndef PERI_SOLVER_IMPLEMENTED
 #define PERI_SOLVER_IMPLEMENTED
 
+#include <limits.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -823,6 +875,240 @@ void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps,
     }
 }
 
+/* ---- 5  sparse matrices from triplets ---------------------------------------------------------------------------- */
+
+/* slot: where the value of entry k goes: its place in the rows, ~row for the diagonal, or PERI__IGNORED. mirror: the
+   place of the mirror image. */
+struct peri_sparse {
+    peri_allocator memory;
+    peri_matrix a;
+    size_t bytes;
+    int count, both;
+    int *row, *col, *slot, *mirror;
+    peri_real *value, *diagonal;
+    double *sum;            /* scratch of peri_sparse_set: rows, then diagonal */
+};
+
+#define PERI__IGNORED INT_MAX
+
+typedef struct peri__entries {
+    int n, count;
+    const int *i, *j;       /* j NULL: entries stand in columns, and start says in which */
+    const int *start;
+    peri_triangle triangle;
+} peri__entries;
+
+/* Is entry k, in column j, one that counts? */
+static int peri__wanted(const peri__entries *e, int i, int j) {
+    return e->triangle == PERI_TRIANGLE_LOWER ? i >= j : e->triangle == PERI_TRIANGLE_UPPER ? i <= j : 1;
+}
+
+/* Goes through the entries in turn; returns 0 when there are no more. *k, *j: -1 and 0 at first. */
+static int peri__entry_next(const peri__entries *e, int *k, int *i, int *j) {
+    if (++*k >= e->count) return 0;
+    *i = e->i[*k];
+    if (e->j) *j = e->j[*k];
+    else while (e->start[*j + 1] <= *k) ++*j;
+    return 1;
+}
+
+static peri_result peri__entries_check(const peri__entries *e, peri_error *err) {
+    int k = -1, i, j = 0;
+    while (peri__entry_next(e, &k, &i, &j))
+        if (i < 0 || i >= e->n || j < 0 || j >= e->n)
+            return peri__fail(err, PERI_ERROR_INDEX, "sparse: entry %d stands at (%d, %d), outside %d rows", k, i, j,
+                              e->n);
+    return PERI_OK;
+}
+
+/* Sorts a row and drops what it holds twice; returns its length. Rows are short. */
+static int peri__row_sort(int *col, int n) {
+    int k, m, kept = 0;
+    for (k = 1; k < n; k++) {
+        int c = col[k];
+        for (m = k; m > 0 && col[m - 1] > c; m--) col[m] = col[m - 1];
+        col[m] = c;
+    }
+    for (k = 0; k < n; k++)
+        if (k == 0 || col[k] != col[kept - 1]) col[kept++] = col[k];
+    return kept;
+}
+
+/* Rows from the entries: counted, filled, sorted, packed. */
+static void peri__sparse_rows(peri_sparse *s, const peri__entries *e) {
+    int k = -1, i, j = 0, at, begin = 0;
+    memset(s->row, 0, ((size_t)e->n + 1) * sizeof *s->row);
+    while (peri__entry_next(e, &k, &i, &j)) {
+        if (i == j || !peri__wanted(e, i, j)) continue;
+        s->row[i + 1]++;
+        if (e->triangle != PERI_TRIANGLE_BOTH) s->row[j + 1]++;
+    }
+    for (i = 0; i < e->n; i++) s->row[i + 1] += s->row[i];
+    for (k = -1, j = 0; peri__entry_next(e, &k, &i, &j);) {
+        if (i == j || !peri__wanted(e, i, j)) continue;
+        s->col[s->row[i]++] = j;
+        if (e->triangle != PERI_TRIANGLE_BOTH) s->col[s->row[j]++] = i;
+    }
+    for (i = 0, at = 0; i < e->n; i++) { /* row[i] has become the end of row i */
+        int end = s->row[i], n = peri__row_sort(s->col + begin, end - begin);
+        memmove(s->col + at, s->col + begin, (size_t)n * sizeof *s->col);
+        begin = end;
+        s->row[i] = at;
+        at += n;
+    }
+    s->row[e->n] = at;
+}
+
+static int peri__find(const int *row, const int *col, int i, int j) {
+    int low = row[i], high = row[i + 1];
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (col[middle] < j) low = middle + 1; else high = middle;
+    }
+    return low < row[i + 1] && col[low] == j ? low : -1;
+}
+
+static peri_result peri__sparse_slots(peri_sparse *s, const peri__entries *e, peri_error *err) {
+    int k = -1, i, j = 0;
+    while (peri__entry_next(e, &k, &i, &j)) {
+        s->slot[k] = s->mirror[k] = PERI__IGNORED;
+        if (!peri__wanted(e, i, j)) continue;
+        if (i == j) {
+            s->slot[k] = ~i;
+            continue;
+        }
+        s->slot[k] = peri__find(s->row, s->col, i, j);
+        s->mirror[k] = peri__find(s->row, s->col, j, i);
+        if (s->mirror[k] < 0)
+            return peri__fail(err, PERI_ERROR_INDEX,
+                              "sparse: entry %d stands at (%d, %d), but there is none at (%d, %d); hand over one "
+                              "triangle, and say which", k, i, j, j, i);
+    }
+    return PERI_OK;
+}
+
+static peri_result peri__sparse_make(const peri__entries *e, const peri_allocator *memory, peri_sparse **out,
+                                     peri_error *err) {
+    peri_allocator hook;
+    peri_sparse *s;
+    size_t n, slots, bytes;
+    peri_result bad = peri__entries_check(e, err);
+    if (bad) return bad;
+    if (e->count > 0x3fffffff)
+        return peri__fail(err, PERI_ERROR_LIMIT, "sparse: %d entries and their mirror images are above 2^31", e->count);
+    memset(&hook, 0, sizeof hook);
+    if (memory) hook = *memory;
+    n = (size_t)e->n + 1;
+    slots = (size_t)e->count * (e->triangle == PERI_TRIANGLE_BOTH ? 1 : 2) + 1;
+    bytes = sizeof *s + (slots + n) * (sizeof(double) + sizeof(peri_real));
+    bytes += (n + slots + 2 * (size_t)e->count) * sizeof(int);
+    s = (double)bytes < (double)slots * 16 ? NULL : (peri_sparse *)peri__resize(&hook, NULL, 0, bytes); /* 32 bits */
+    if (!s) return peri__fail(err, PERI_ERROR_MEMORY, "sparse: no memory for %d entries", e->count);
+    memset(s, 0, sizeof *s);
+    s->memory = hook;
+    s->bytes = bytes;
+    s->count = e->count;
+    s->both = e->triangle == PERI_TRIANGLE_BOTH;
+    s->sum = (double *)(void *)(s + 1);
+    s->value = (peri_real *)(void *)(s->sum + slots + n);
+    s->diagonal = s->value + slots;
+    s->row = (int *)(void *)(s->diagonal + n);
+    s->col = s->row + n;
+    s->slot = s->col + slots;
+    s->mirror = s->slot + e->count;
+    memset(s->value, 0, (slots + n) * sizeof *s->value);
+    peri__sparse_rows(s, e);
+    bad = peri__sparse_slots(s, e, err);
+    if (bad) {
+        peri_sparse_destroy(s);
+        return bad;
+    }
+    s->a.n = e->n;
+    s->a.row = s->row;
+    s->a.col = s->col;
+    s->a.value = s->value;
+    s->a.diagonal = s->diagonal;
+    *out = s;
+    return peri__succeed(err);
+}
+
+peri_result peri_sparse_from_triplets(int n, int count, const int *i, const int *j, peri_triangle triangle,
+                                      const peri_allocator *memory, peri_sparse **out, peri_error *err) {
+    peri__entries e;
+    if (out) *out = NULL;
+    if (!out || ((!i || !j) && count > 0))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "sparse: %s is NULL", !out ? "out" : !i ? "i" : "j");
+    if (n < 0 || count < 0)
+        return peri__fail(err, PERI_ERROR_INDEX, "sparse: n is %d and count %d; neither may be negative", n, count);
+    memset(&e, 0, sizeof e);
+    e.n = n;
+    e.count = count;
+    e.i = i;
+    e.j = j;
+    e.triangle = triangle;
+    return peri__sparse_make(&e, memory, out, err);
+}
+
+peri_result peri_sparse_from_columns(int n, const int *start, const int *row, peri_triangle triangle,
+                                     const peri_allocator *memory, peri_sparse **out, peri_error *err) {
+    peri__entries e;
+    int j;
+    if (out) *out = NULL;
+    if (!out || !start || (!row && n > 0 && start[n] > 0))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "sparse: %s is NULL", !out ? "out" : !start ? "start" : "row");
+    if (n < 0 || start[0] != 0)
+        return peri__fail(err, PERI_ERROR_INDEX, "sparse: n is %d and start[0] %d; they must be at least 0, and 0", n,
+                          n < 0 ? 0 : start[0]);
+    for (j = 0; j < n; j++)
+        if (start[j + 1] < start[j])
+            return peri__fail(err, PERI_ERROR_INDEX, "sparse: column %d ends at %d, before it begins at %d", j,
+                              start[j + 1], start[j]);
+    memset(&e, 0, sizeof e);
+    e.n = n;
+    e.count = start[n];
+    e.i = row;
+    e.start = start;
+    e.triangle = triangle;
+    return peri__sparse_make(&e, memory, out, err);
+}
+
+/* Entries at one place are added in their order, in double. */
+peri_result peri_sparse_set(peri_sparse *s, const peri_real *value, peri_error *err) {
+    double *diagonal;
+    int k, i, stored;
+    if (!s || (!value && s->count > 0))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "sparse: %s is NULL", s ? "value" : "the matrix");
+    stored = s->row[s->a.n];
+    diagonal = s->sum + stored;
+    memset(s->sum, 0, ((size_t)stored + (size_t)s->a.n) * sizeof *s->sum);
+    for (k = 0; k < s->count; k++) {
+        if (s->slot[k] == PERI__IGNORED) continue;
+        if (!peri__finite((double)value[k]))
+            return peri__fail(err, PERI_ERROR_VALUE, "sparse: the value of entry %d is not finite", k);
+        if (s->slot[k] < 0) diagonal[~s->slot[k]] += (double)value[k];
+        else s->sum[s->slot[k]] += (double)value[k];
+        if (s->slot[k] >= 0 && !s->both) s->sum[s->mirror[k]] += (double)value[k];
+    }
+    for (k = 0; k < s->count && s->both; k++)
+        if (s->slot[k] >= 0 && s->slot[k] != PERI__IGNORED &&
+            (s->sum[s->slot[k]] < s->sum[s->mirror[k]] || s->sum[s->slot[k]] > s->sum[s->mirror[k]]))
+            return peri__fail(err, PERI_ERROR_VALUE,
+                              "sparse: entry %d and its mirror image sum up to %g and %g; the matrix must be symmetric", k,
+                              s->sum[s->slot[k]], s->sum[s->mirror[k]]);
+    for (i = 0; i < stored; i++) s->value[i] = (peri_real)s->sum[i];
+    for (i = 0; i < s->a.n; i++) s->diagonal[i] = (peri_real)diagonal[i];
+    return peri__succeed(err);
+}
+
+const peri_matrix *peri_sparse_matrix(const peri_sparse *s) { return s ? &s->a : NULL; }
+
+void peri_sparse_destroy(peri_sparse *s) {
+    peri_allocator memory;
+    if (!s) return;
+    memory = s->memory;
+    peri__resize(&memory, s, s->bytes, 0);
+}
+
 /* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------
    A = P^T L L^T P. Analysis: ordering, elimination tree, column counts, supernodes, panels. Numbers: panel by panel,
    left-looking, in registers. */
@@ -891,8 +1177,9 @@ PERI__INLINE peri__vec peri__less(peri__vec c, peri__vec a, peri__vec b) {
 
 /* Columns of L with the same rows below them form a supernode, and PERI__WIDTH columns of it at most a panel: column c
    of the panel has the rows[row + k], k < height, of which the first `width` are the panel's own columns. Its values
-   stand in blocks of PERI__LANES rows, in a block column by column: entry (k, c) is value[at + (k / lanes * width + c) *
-   lanes + k % lanes]. What lies above the diagonal is 0; on it stand the inverses of its blocks of PERI__TILE columns. */
+   stand in blocks of PERI__LANES rows, in a block column by column: entry (k, c) is
+   value[at + (k / lanes * width + c) * lanes + k % lanes]. What lies above the diagonal is 0; on it stand the inverses
+   of its blocks of PERI__TILE columns. */
 typedef struct peri__panel {
     int first, width, height;
     int inner;                  /* rows of its own part; the others are of the top */
@@ -911,7 +1198,8 @@ typedef struct peri__symbolic {
     size_t bytes;
     uint64_t pattern;           /* hash of the pattern analysed */
     int users, n, panels, tallest;
-    int part[PERI__PARTS + 1];  /* first column of a part */
+    int part[PERI__PARTS + 1];  /* first column of a part, the last one being the top */
+    int begin[PERI__PARTS + 2]; /* first panel of a part */
     size_t bytes_rows, bytes_pair;
     size_t entries;             /* of L, without zeros that make supernodes wider */
     size_t values;              /* reals that L takes */
@@ -927,10 +1215,11 @@ struct peri_cholesky {
     peri_allocator memory;
     peri__symbolic *s;
     size_t bytes;
+    peri_parallel parallel;
     int ready, failed;          /* failed: the row whose pivot was not positive, or -1 */
-    double pivot;
     peri_real *value;           /* aligned to a register */
     char *block, *scratch;
+    unsigned char *mark;        /* panels: to be made anew */
 };
 
 /* What a part needs to work: where each row stands in the panel in the making, and small blocks that stay in cache. */
@@ -938,6 +1227,8 @@ typedef struct peri__bench {
     peri_real *tile;    /* 2 * PERI__TILE registers: products on their way to scattered rows */
     peri_real *right;   /* PERI__WIDTH * PERI__TILE: rows of the other factor, side by side */
     int *place;         /* n: offset of a row in the panel */
+    int failed;         /* column whose pivot was not positive, or -1 */
+    double pivot;
 } peri__bench;
 
 #define PERI__TILE_BYTES (2 * PERI__TILE * PERI__LANES * sizeof(peri_real))
@@ -952,6 +1243,8 @@ static size_t peri__bench_bytes(const peri__symbolic *s) {
 static peri__bench peri__bench_of(const peri_cholesky *f, int part) {
     char *at = f->scratch + peri__align(peri__bench_bytes(f->s)) * (size_t)part;
     peri__bench w;
+    w.failed = -1;
+    w.pivot = 0;
     w.tile = (peri_real *)(void *)at;
     w.right = (peri_real *)(void *)(at + peri__align(PERI__TILE_BYTES));
     w.place = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
@@ -973,15 +1266,6 @@ static uint64_t peri__hash_ints(uint64_t seed, const int *v, int n) {
 static uint64_t peri__pattern(const peri_matrix *a) {
     uint64_t hash = 14695981039346656037ULL;
     return a->n > 0 ? peri__hash_ints(peri__hash_ints(hash, a->row + 1, a->n), a->col, a->row[a->n]) : hash;
-}
-
-static int peri__stores(const peri_matrix *a, int i, int j) {
-    int low = a->row[i], high = a->row[i + 1];
-    while (low < high) {
-        int middle = low + (high - low) / 2;
-        if (a->col[middle] < j) low = middle + 1; else high = middle;
-    }
-    return low < a->row[i + 1] && a->col[low] == j;
 }
 
 /* Rows in order meet the entries of every column in order, so that each finds its mirror image in one pass. Returns
@@ -1032,7 +1316,7 @@ static peri_result peri__check_pattern(const peri_matrix *a, const peri_allocato
     if (i == a->n) return PERI_OK;
     for (i = 0; i < a->n; i++) /* the first that lacks its mirror image, which need not be where that showed */
         for (k = a->row[i]; k < a->row[i + 1]; k++)
-            if (!peri__stores(a, a->col[k], i))
+            if (peri__find(a->row, a->col, a->col[k], i) < 0)
                 return peri__fail(err, PERI_ERROR_INDEX,
                                   "matrix: row %d stores column %d, but row %d does not store column %d", i, a->col[k],
                                   a->col[k], i);
@@ -1142,7 +1426,7 @@ enum { PERI__VARIABLE, PERI__ELEMENT, PERI__ABSORBED };
    cannot be told apart are one, of their common weight; what was absorbed has weight 0. */
 typedef struct peri__degrees {
     int n, left, lowest, stamp, mark, pivots;   /* left: weight not eliminated */
-    int *head, *next, *prev, *degree;           /* variables by degree: doubly linked; degree of an element: its weight */
+    int *head, *next, *prev, *degree;           /* variables by degree: doubly linked; of an element its weight */
     int *kind, *size, *elements, *weight;       /* size: all entries in the pool; elements: how many of them are */
     int *seen, *outside, *marked;               /* outside: weight of an element that the new element does not have */
     int *follow, *last;                         /* chains of variables that are one */
@@ -1643,14 +1927,16 @@ static void peri__panels(const peri__plan *p, const size_t *list) {
             to->row = list[k] + (size_t)c;
             to->at = at;
             at += (size_t)((to->height + PERI__LANES - 1) / PERI__LANES * PERI__LANES) * (size_t)to->width;
-            for (to->inner = to->width; to->inner < to->height && s->rows[to->row + (size_t)to->inner] < s->part[PERI__PARTS];)
-                to->inner++;
-            if (to->part == PERI__PARTS) to->inner = to->height;
+            to->inner = to->part == PERI__PARTS ? to->height : to->width;
+            while (to->inner < to->height && s->rows[to->row + (size_t)to->inner] < s->part[PERI__PARTS]) to->inner++;
             count++;
         }
     }
     s->panels = count;
     s->values = at;
+    for (k = 0; k <= PERI__PARTS; k++)
+        for (s->begin[k] = 0; s->begin[k] < count && s->panel[s->begin[k]].part < k;) s->begin[k]++;
+    s->begin[PERI__PARTS + 1] = count;
 }
 
 /* Who gives to whom: every panel hands on, to each panel that its rows below belong to. counts: one per panel. With
@@ -1823,7 +2109,7 @@ static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory
     memset(f, 0, sizeof *f);
     f->memory = *memory;
     f->failed = -1;
-    scratch = peri__align(peri__bench_bytes(s)) * (s->part[PERI__PARTS] > 0 ? PERI__PARTS : 1);
+    scratch = peri__align(peri__bench_bytes(s)) * (s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 1) + (size_t)s->panels;
     if (!peri__mul_size(s->values, sizeof *f->value, &values) || values > (size_t)-1 - scratch - 128 ||
         !(f->block = (char *)peri__resize(memory, NULL, 0, f->bytes = peri__align(values) + scratch + 64))) {
         peri__resize(memory, f, sizeof *f, 0);
@@ -1833,6 +2119,8 @@ static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory
     block = f->block + (64 - (size_t)((uintptr_t)f->block % 64)) % 64;
     f->value = (peri_real *)(void *)block;
     f->scratch = block + peri__align(values);
+    f->mark = (unsigned char *)f->scratch + (scratch - (size_t)s->panels);
+    f->parallel.threads = 1;
     f->s = s;
     s->users++;
     *out = f;
@@ -1870,7 +2158,8 @@ peri_result peri_cholesky_create_like(const peri_cholesky *other, const peri_all
                                       peri_error *err) {
     peri_allocator hook = peri__memory_or_standard(memory);
     if (out) *out = NULL;
-    if (!other || !out) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", other ? "out" : "the other");
+    if (!other || !out)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", other ? "out" : "the other");
     return peri__numbers(other->s, &hook, out, err);
 }
 
@@ -1942,7 +2231,8 @@ PERI__INLINE size_t peri__entry(const peri__panel *p, int row, int c) {
 }
 
 /* Rows row .. row + count - 1 of a panel's first `depth` columns, side by side; what lacks to a tile is 0. */
-static void peri__pack(const peri_real *value, int width, int depth, int row, int count, peri_real *PERI__RESTRICT b) {
+static void peri__pack(const peri_real *value, const peri__panel *p, int depth, int row, int count,
+                       peri_real *PERI__RESTRICT b) {
     int k, j;
     for (j = 0; j < PERI__TILE; j++) {
         const peri_real *from;
@@ -1950,7 +2240,7 @@ static void peri__pack(const peri_real *value, int width, int depth, int row, in
             for (k = 0; k < depth; k++) b[k * PERI__TILE + j] = 0;
             continue;
         }
-        from = value + ((size_t)((row + j) / PERI__LANES) * (size_t)width * PERI__LANES + (size_t)((row + j) % PERI__LANES));
+        from = value + peri__entry(p, row + j, 0);
         for (k = 0; k < depth; k++) b[k * PERI__TILE + j] = from[k * PERI__LANES];
     }
 }
@@ -1973,9 +2263,9 @@ static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows,
     }
 }
 
-/* Products of the rows from row + j on, `count` columns (a tile or less), straight to where they belong: the rows of
-   both panels are the same, `shift` registers apart. */
-static void peri__update_straight(const peri_real *value, const peri__panel *p, peri_real *target,
+/* Products of the rows from `row` on, by a tile of columns, straight to where they belong: the rows of both panels are
+   the same, `shift` registers apart. */
+static void peri__update_straight(const peri_real *value, const peri__panel *p, int depth, peri_real *target,
                                   const peri__panel *to, int row, int shift, const peri_real *right) {
     const peri__vec *a = (const peri__vec *)(const void *)value;
     int block = row / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES;
@@ -1983,8 +2273,8 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
     peri__vec *c = (peri__vec *)(void *)target + (block - shift) * step + (row - shift * PERI__LANES);
     a += block * from;
     for (; block + 1 < blocks; block += 2, a += 2 * from, c += 2 * step)
-        peri__tile2_add(p->width, a, a + from, right, c, c + step);
-    if (block < blocks) peri__tile1_add(p->width, a, right, c);
+        peri__tile2_add(depth, a, a + from, right, c, c + step);
+    if (block < blocks) peri__tile1_add(depth, a, right, c);
 }
 
 static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p, const peri__panel *to, int row,
@@ -1997,8 +2287,8 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
     for (block = row / PERI__LANES; block < blocks; block += 2) {
         int begin = block * PERI__LANES, half = begin + PERI__LANES, first = row > begin ? row - begin : 0;
         if (block + 1 < blocks) {
-            peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right, tile,
-                        tile + PERI__TILE);
+            peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right,
+                            tile, tile + PERI__TILE);
             k = p->height - half < PERI__LANES ? p->height - half : PERI__LANES;
             peri__scatter(w->tile + PERI__TILE * PERI__LANES, rows + half, 0, k, count, w->place, target, rows + row);
         } else {
@@ -2022,9 +2312,10 @@ static void peri__update(const peri_cholesky *f, const peri__panel *to, const pe
     same = shift % PERI__LANES == 0 && p->height - row == to->height - (rows[row] - to->first);
     for (j = 0; j < count; j += PERI__TILE) {
         int n = count - j < PERI__TILE ? count - j : PERI__TILE;
-        peri__pack(f->value + p->at, p->width, p->width, row + j, n, w->right);
+        peri__pack(f->value + p->at, p, p->width, row + j, n, w->right);
         if (same && n == PERI__TILE)
-            peri__update_straight(f->value + p->at, p, f->value + to->at, to, row + j, shift / PERI__LANES, w->right);
+            peri__update_straight(f->value + p->at, p, p->width, f->value + to->at, to, row + j, shift / PERI__LANES,
+                                  w->right);
         else peri__update_scattered(f, p, to, row + j, n, w);
     }
 }
@@ -2049,18 +2340,18 @@ static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const p
 
 /* Cholesky of the n x n block at (c, c) of a panel, into l, with the inverses of its diagonal; returns the column whose
    pivot is not positive, or n. */
-static int peri__small_factor(peri_cholesky *f, const peri__panel *p, int c, int n, peri_real l[PERI__TILE][PERI__TILE],
-                              peri_real inverse[PERI__TILE]) {
+static int peri__small_factor(const peri_real *value, const peri__panel *p, int c, int n,
+                              peri_real l[PERI__TILE][PERI__TILE], peri_real inverse[PERI__TILE], double *pivot) {
     int i, j, k;
     for (j = 0; j < n; j++)
         for (i = j; i < n; i++) {
-            double x = (double)f->value[p->at + peri__entry(p, c + i, c + j)];
+            double x = (double)value[peri__entry(p, c + i, c + j)];
             for (k = 0; k < j; k++) x -= (double)l[i][k] * (double)l[j][k];
             if (i > j) {
                 l[i][j] = (peri_real)(x * (double)inverse[j]);
                 continue;
             }
-            f->pivot = x;
+            *pivot = x;
             inverse[j] = (peri_real)(1 / sqrt(x));
             if (!(x > 0) || !peri__finite(x) || !peri__finite((double)inverse[j])) return j;
         }
@@ -2101,10 +2392,11 @@ static void peri__panel_update(peri_real *value, const peri__panel *p, int c, in
     peri__vec *tile = (peri__vec *)(void *)w->tile, *to = (peri__vec *)(void *)value + c;
     ptrdiff_t step = p->width;
     int block = c / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, j;
-    peri__pack(value, p->width, c, c, n, w->right);
-    for (; n == PERI__TILE && block + 1 < blocks; block += 2)
-        peri__tile2_add(c, a + block * step, a + (block + 1) * step, w->right, to + block * step, to + (block + 1) * step);
-    for (; n == PERI__TILE && block < blocks; block++) peri__tile1_add(c, a + block * step, w->right, to + block * step);
+    peri__pack(value, p, c, c, n, w->right);
+    if (n == PERI__TILE) {
+        peri__update_straight(value, p, c, value, p, c, 0, w->right);
+        return;
+    }
     for (; block < blocks; block++) {
         peri__tile1_set(c, a + block * step, w->right, tile);
         for (j = 0; j < n; j++) to[block * step + j] += tile[j];
@@ -2112,16 +2404,16 @@ static void peri__panel_update(peri_real *value, const peri__panel *p, int c, in
 }
 
 /* Factorises a panel that has all it gets from others; 0 when a pivot is not positive. */
-static int peri__panel_factor(peri_cholesky *f, const peri__panel *p, const peri__bench *w) {
+static int peri__panel_factor(const peri_cholesky *f, const peri__panel *p, peri__bench *w) {
     peri_real *value = f->value + p->at, l[PERI__TILE][PERI__TILE], inverse[PERI__TILE];
     peri__vec *x = (peri__vec *)(void *)value;
     int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, c, k, n;
     for (c = 0; c < p->width; c += PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
         if (c) peri__panel_update(value, p, c, n, w);
-        k = peri__small_factor(f, p, c, n, l, inverse);
+        k = peri__small_factor(value, p, c, n, l, inverse, &w->pivot);
         if (k < n) {
-            f->failed = f->s->order[p->first + c + k];
+            w->failed = p->first + c + k;
             return 0;
         }
         k = c / PERI__LANES;
@@ -2133,21 +2425,84 @@ static int peri__panel_factor(peri_cholesky *f, const peri__panel *p, const peri
     return 1;
 }
 
-static int peri__panel_make(peri_cholesky *f, const peri_matrix *a, int j, const peri__bench *w) {
-    const peri__symbolic *s = f->s;
-    const peri__panel *p = s->panel + j;
-    size_t k;
-    peri__assemble(f, a, p, w->place);
-    for (k = s->pairs[j]; k < s->pairs[j + 1]; k++) peri__update(f, p, s->pair + k, p->first, p->first + p->width, w);
-    return peri__panel_factor(f, p, w);
+/* A factorisation under way. */
+typedef struct peri__making {
+    peri_cholesky *f;
+    const peri_matrix *a;
+    const peri__panel *panel;       /* of the top */
+    size_t pair, pair_end;
+    int *place;
+    peri__bench bench[PERI__PARTS];
+} peri__making;
+
+#define PERI__CHUNK (PERI__WIDTH / PERI__PARTS) /* columns of a panel of the top that one task updates */
+
+static void peri__chunk_task(int begin, int end, void *context) {
+    peri__making *t = (peri__making *)context;
+    for (; begin < end; begin++) {
+        peri__bench w = t->bench[begin];
+        int first = t->panel->first + begin * PERI__CHUNK, last = t->panel->first + t->panel->width;
+        size_t k;
+        w.place = t->place;
+        if (last > first + PERI__CHUNK) last = first + PERI__CHUNK;
+        for (k = t->pair; k < t->pair_end; k++) peri__update(t->f, t->panel, t->f->s->pair + k, first, last, &w);
+    }
 }
 
-peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
-    peri__bench w;
-    int j;
+/* Makes panel j. In the top, where panels follow from each other, its columns are shared out; so they are without
+   threads, for the same bits. */
+static int peri__panel_make(peri__making *t, int j, peri__bench *w) {
+    const peri__symbolic *s = t->f->s;
+    const peri__panel *p = s->panel + j;
+    size_t k;
+    peri__assemble(t->f, t->a, p, w->place);
+    if (p->part == PERI__PARTS && s->begin[PERI__PARTS] > 0) {
+        t->panel = p;
+        t->pair = s->pairs[j];
+        t->pair_end = s->pairs[j + 1];
+        t->place = w->place;
+        peri_parallel_for(&t->f->parallel, (p->width + PERI__CHUNK - 1) / PERI__CHUNK, 1, peri__chunk_task, t);
+    } else {
+        for (k = s->pairs[j]; k < s->pairs[j + 1]; k++)
+            peri__update(t->f, p, s->pair + k, p->first, p->first + p->width, w);
+    }
+    return peri__panel_factor(t->f, p, w);
+}
+
+/* Parts, or the top: the panels that are marked. */
+static void peri__part_task(int begin, int end, void *context) {
+    peri__making *t = (peri__making *)context;
+    for (; begin < end; begin++) {
+        peri__bench *w = t->bench + begin % PERI__PARTS;
+        int j, good = 1;
+        for (j = t->f->s->begin[begin]; j < t->f->s->begin[begin + 1] && good; j++)
+            if (t->f->mark[j]) good = peri__panel_make(t, j, w);
+    }
+}
+
+/* Makes the marked panels. */
+static peri_result peri__make(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
+    peri__making t;
+    int k;
+    memset(&t, 0, sizeof t);
+    t.f = f;
+    t.a = a;
+    for (k = 0; k < PERI__PARTS; k++) t.bench[k] = peri__bench_of(f, f->s->begin[PERI__PARTS] > 0 ? k : 0);
+    peri_parallel_for(&f->parallel, PERI__PARTS, 1, peri__part_task, &t);
+    for (k = 0; k < PERI__PARTS && t.bench[k].failed < 0;) k++;
+    if (k == PERI__PARTS) peri__part_task(PERI__PARTS, PERI__PARTS + 1, &t);
+    for (k = 0; k < PERI__PARTS && t.bench[k].failed < 0;) k++;
+    f->ready = k == PERI__PARTS;
+    f->failed = f->ready ? -1 : f->s->order[t.bench[k].failed];
+    if (f->ready) return peri__succeed(err);
+    return peri__fail(err, PERI_ERROR_PIVOT,
+                      "cholesky: the pivot of row %d is %g (its diagonal entry %g); the matrix is not positive "
+                      "definite",
+                      f->failed, t.bench[k].pivot, (double)a->diagonal[f->failed]);
+}
+
+static peri_result peri__check_values(const peri_cholesky *f, const peri_matrix *a, peri_error *err) {
     if (!f || !a) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", f ? "the matrix" : "the factor");
-    f->ready = 0;
-    f->failed = -1;
     if (a->n != f->s->n || peri__pattern(a) != f->s->pattern)
         return peri__fail(err, PERI_ERROR_ARGUMENT,
                           "cholesky: the matrix (n is %d) has another pattern than the one analysed (n is %d)", a->n,
@@ -2155,14 +2510,53 @@ peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_er
     if (a->n > 0 && (!a->diagonal || (!a->value && a->row[a->n] > 0)))
         return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: the matrix has no %s",
                           a->diagonal ? "value" : "diagonal");
-    w = peri__bench_of(f, 0);
-    for (j = 0; j < f->s->panels; j++)
-        if (!peri__panel_make(f, a, j, &w))
-            return peri__fail(err, PERI_ERROR_PIVOT,
-                              "cholesky: the pivot of row %d is %g (its diagonal entry %g); the matrix is not positive "
-                              "definite", f->failed, f->pivot, (double)a->diagonal[f->failed]);
-    f->ready = 1;
-    return peri__succeed(err);
+    return PERI_OK;
+}
+
+peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
+    peri_result bad;
+    if (f) f->ready = 0;
+    bad = peri__check_values(f, a, err);
+    if (bad) return bad;
+    memset(f->mark, 1, (size_t)f->s->panels);
+    return peri__make(f, a, err);
+}
+
+/* The panel that column j belongs to. */
+static int peri__panel_of(const peri__symbolic *s, int j) {
+    int low = 0, high = s->panels - 1;
+    while (low < high) {
+        int middle = (low + high + 1) / 2;
+        if (s->panel[middle].first <= j) low = middle; else high = middle - 1;
+    }
+    return low;
+}
+
+peri_result peri_cholesky_update(peri_cholesky *f, const peri_matrix *a, int count, const int *rows, peri_error *err) {
+    const peri__symbolic *s;
+    peri_result bad = peri__check_values(f, a, err);
+    int i, j, k, e;
+    if (bad) return bad;
+    if (!rows && count > 0) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: rows is NULL");
+    s = f->s;
+    for (i = 0; i < count; i++)
+        if (rows[i] < 0 || rows[i] >= s->n)
+            return peri__fail(err, PERI_ERROR_INDEX, "cholesky: row %d is outside [0, %d)", rows[i], s->n);
+    if (!f->ready) return peri_cholesky_factor(f, a, err);
+    memset(f->mark, 0, (size_t)s->panels);
+    for (i = 0; i < count; i++) { /* an entry stands in the earlier of its two columns */
+        j = s->place[rows[i]];
+        f->mark[peri__panel_of(s, j)] = 1;
+        for (e = a->row[rows[i]]; e < a->row[rows[i] + 1]; e++)
+            if (s->place[a->col[e]] < j) f->mark[peri__panel_of(s, s->place[a->col[e]])] = 1;
+    }
+    for (j = 0; j < s->panels; j++) { /* and what depends on it: up the tree */
+        const peri__panel *p = s->panel + j;
+        if (!f->mark[j] || p->height == p->width) continue;
+        k = peri__panel_of(s, s->rows[p->row + (size_t)p->width]);
+        f->mark[k] = 1;
+    }
+    return peri__make(f, a, err);
 }
 
 /* -- solves: x stands in columns, one right-hand side after another, so that registers hold neighbours -- */
@@ -2216,8 +2610,8 @@ typedef void peri__dots(int width, const peri__vec *PERI__RESTRICT a, const peri
 /* Right-hand sides on their way through L: side q of row i is x[q * n + i]. */
 typedef struct peri__sides {
     const peri_cholesky *f;
-    peri_real *x;
-    int n, sides;
+    peri_real *x, *top;     /* top: what a part gives to the rows of the top, from part[PERI__PARTS] on */
+    int n, sides, tall;     /* tall: rows of the top */
     peri__product *product;
     peri__dots *dots;
 } peri__sides;
@@ -2232,32 +2626,45 @@ PERI__INLINE int peri__lanes_end(const peri__panel *p, int block) {
 }
 
 static void peri__lanes_add(const int *PERI__RESTRICT rows, int first, int end, const peri_real *PERI__RESTRICT v,
-                            peri_real *PERI__RESTRICT x, ptrdiff_t n) {
+                            int sides, peri_real *PERI__RESTRICT x, ptrdiff_t n) {
     int k;
-    for (k = first; k < end; k++) {
-        peri_real *at = x + rows[k];
-        at[0] += v[k];
-        at[n] += v[PERI__LANES + k];
-        at[2 * n] += v[2 * PERI__LANES + k];
-    }
+    if (sides < PERI__SIDES)
+        for (k = first; k < end; k++) x[rows[k]] += v[k];
+    else
+        for (k = first; k < end; k++) {
+            peri_real *at = x + rows[k];
+            at[0] += v[k];
+            at[n] += v[PERI__LANES + k];
+            at[2 * n] += v[2 * PERI__LANES + k];
+        }
 }
 
-/* x[rows] += v in the lanes that hold rows below. */
+/* x[rows] += v in the lanes that hold rows below; those of the top have sums of their own for each part. */
 static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__vec *v) {
-    const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__LANES;
-    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k, q;
-    if (first == 0 && end == PERI__LANES && rows[end - 1] - rows[0] == end - 1) { /* neighbours */
-        for (q = 0; q < t->sides; q++) {
-            peri_real *at = t->x + (ptrdiff_t)q * t->n + rows[0];
-            peri__vec sum;
-            memcpy(&sum, at, sizeof sum);
-            sum += v[q];
-            memcpy(at, &sum, sizeof sum);
-        }
+    const int *rows = t->f->s->rows + p->row + block * PERI__LANES;
+    const peri_real *from = (const peri_real *)(const void *)v;
+    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), q;
+    int inner = p->inner - block * PERI__LANES < end ? p->inner - block * PERI__LANES : end;
+    peri_real *x = t->x;
+    ptrdiff_t n = t->n;
+    if (inner < first) inner = first;
+    if (inner < end) {
+        if (first < inner) peri__lanes_add(rows, first, inner, from, t->sides, x, n);
+        first = inner;
+        n = t->tall;
+        x = t->top + ((ptrdiff_t)p->part * t->sides * n - t->f->s->part[PERI__PARTS]);
+    }
+    if (first > 0 || end < PERI__LANES || rows[end - 1] - rows[0] > end - 1) {
+        peri__lanes_add(rows, first, end, from, t->sides, x, n);
         return;
     }
-    if (t->sides == PERI__SIDES) peri__lanes_add(rows, first, end, (const peri_real *)(const void *)v, t->x, t->n);
-    else for (k = first; k < end; k++) t->x[rows[k]] += ((const peri_real *)(const void *)v)[k];
+    for (q = 0; q < t->sides; q++) { /* neighbours */
+        peri_real *at = x + q * n + rows[0];
+        peri__vec sum;
+        memcpy(&sum, at, sizeof sum);
+        sum += v[q];
+        memcpy(at, &sum, sizeof sum);
+    }
 }
 
 /* v = x[rows], 0 in the lanes that do not hold rows below. */
@@ -2334,7 +2741,11 @@ PERI__INLINE peri_real peri__lanes_sum(const peri__vec *v) {
     quarter s = a[0];
     if (PERI__VECTOR == 32) s = a[0] + a[PERI__VECTOR / 16 - 1];
     if (PERI__VECTOR == 64) s = (a[0] + a[PERI__VECTOR / 32]) + (a[PERI__VECTOR / 64] + a[PERI__VECTOR / 16 - 1]);
-    return sizeof(peri_real) == 8 ? s[0] + s[1] : (s[0] + s[16 / sizeof(peri_real) / 2]) + (s[1] + s[16 / sizeof(peri_real) - 1]);
+#ifdef PERI_DOUBLE
+    return s[0] + s[1];
+#else
+    return (s[0] + s[2]) + (s[1] + s[3]);
+#endif
 #else
     return *v;
 #endif
@@ -2399,25 +2810,92 @@ static void peri__backward(const peri__sides *t, const peri__panel *p) {
     peri__up(t, p, sum);
 }
 
+static void peri__forward_task(int begin, int end, void *context) {
+    const peri__sides *t = (const peri__sides *)context;
+    int j;
+    for (; begin < end; begin++)
+        for (j = t->f->s->begin[begin]; j < t->f->s->begin[begin + 1]; j++) peri__forward(t, t->f->s->panel + j);
+}
+
+static void peri__backward_task(int begin, int end, void *context) {
+    const peri__sides *t = (const peri__sides *)context;
+    int j;
+    for (; begin < end; begin++)
+        for (j = t->f->s->begin[begin + 1] - 1; j >= t->f->s->begin[begin]; j--) peri__backward(t, t->f->s->panel + j);
+}
+
+/* The parts, what they give to the top in their order, the top; and back. */
+static void peri__solve_sides(peri__sides *t) {
+    const peri__symbolic *s = t->f->s;
+    int parts = s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 0, part, q, i;
+    memset(t->top, 0, (size_t)parts * (size_t)t->sides * (size_t)t->tall * sizeof *t->top);
+    peri_parallel_for(&t->f->parallel, parts, 1, peri__forward_task, t);
+    for (part = 0; part < parts; part++)
+        for (q = 0; q < t->sides; q++) {
+            const peri_real *from = t->top + ((ptrdiff_t)part * t->sides + q) * t->tall;
+            peri_real *to = t->x + (ptrdiff_t)q * t->n + s->part[PERI__PARTS];
+            for (i = 0; i < t->tall; i++) to[i] += from[i];
+        }
+    peri__forward_task(PERI__PARTS, PERI__PARTS + 1, t);
+    peri__backward_task(PERI__PARTS, PERI__PARTS + 1, t);
+    peri_parallel_for(&t->f->parallel, parts, 1, peri__backward_task, t);
+}
+
 void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work) {
     peri__sides t;
-    int i, j, q, c;
+    int i, q, c;
     PERI_ASSERT(f && f->ready && rhs >= 1);
     if (!f || !f->ready) return;
     t.f = f;
     t.x = work;
     t.n = f->s->n;
+    t.tall = t.n - f->s->part[PERI__PARTS];
     for (c = 0; c < rhs; c += t.sides) {
+        const int *order = f->s->order;
         t.sides = rhs - c >= PERI__SIDES ? PERI__SIDES : 1;
+        t.top = work + (ptrdiff_t)t.sides * t.n;
         t.product = t.sides == PERI__SIDES ? peri__product3 : peri__product1;
         t.dots = t.sides == PERI__SIDES ? peri__dots3 : peri__dots1;
         for (i = 0; i < t.n; i++)
-            for (q = 0; q < t.sides; q++) work[(ptrdiff_t)q * t.n + i] = x[rhs * (ptrdiff_t)f->s->order[i] + c + q];
-        for (j = 0; j < f->s->panels; j++) peri__forward(&t, f->s->panel + j);
-        for (j = f->s->panels - 1; j >= 0; j--) peri__backward(&t, f->s->panel + j);
+            for (q = 0; q < t.sides; q++) work[(ptrdiff_t)q * t.n + i] = x[rhs * (ptrdiff_t)order[i] + c + q];
+        peri__solve_sides(&t);
         for (i = 0; i < t.n; i++)
-            for (q = 0; q < t.sides; q++) x[rhs * (ptrdiff_t)f->s->order[i] + c + q] = work[(ptrdiff_t)q * t.n + i];
+            for (q = 0; q < t.sides; q++) x[rhs * (ptrdiff_t)order[i] + c + q] = work[(ptrdiff_t)q * t.n + i];
     }
+}
+
+double peri_cholesky_refine(const peri_cholesky *f, const peri_matrix *a, int rhs, const double *b, double *x,
+                            peri_real *work) {
+    double square = 0, size = 0;
+    peri_real *r = work + 2 * (ptrdiff_t)(rhs < PERI__SIDES ? rhs : PERI__SIDES) * a->n;
+    int i, k, c, n = a->n;
+    PERI_ASSERT(f && f->ready && a->n == f->s->n);
+    if (!f || !f->ready || a->n != f->s->n) return -1;
+    for (i = 0; i < n; i++)
+        for (c = 0; c < rhs; c++) {
+            size_t at = (size_t)rhs * (size_t)i + (size_t)c;
+            double sum = b[at] - (double)a->diagonal[i] * x[at];
+            for (k = a->row[i]; k < a->row[i + 1]; k++)
+                sum -= (double)a->value[k] * x[(size_t)rhs * (size_t)a->col[k] + (size_t)c];
+            r[at] = (peri_real)sum;
+            square += sum * sum;
+            size += b[at] * b[at];
+        }
+    peri_cholesky_solve(f, rhs, r, work);
+    for (i = 0; i < n; i++)
+        for (c = 0; c < rhs; c++) {
+            size_t at = (size_t)rhs * (size_t)i + (size_t)c;
+            x[at] += (double)r[at];
+        }
+    return size > 0 ? sqrt(square / size) : sqrt(square);
+}
+
+void peri_cholesky_threads(peri_cholesky *f, const peri_parallel *par) {
+    PERI_ASSERT(f);
+    if (!f) return;
+    memset(&f->parallel, 0, sizeof f->parallel);
+    f->parallel.threads = 1;
+    if (par) f->parallel = *par;
 }
 
 #endif /* PERI_NO_CHOLESKY */
