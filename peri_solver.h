@@ -2828,7 +2828,7 @@ static void peri__backward_task(int begin, int end, void *context) {
 static void peri__solve_sides(peri__sides *t) {
     const peri__symbolic *s = t->f->s;
     int parts = s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 0, part, q, i;
-    memset(t->top, 0, (size_t)parts * (size_t)t->sides * (size_t)t->tall * sizeof *t->top);
+    if (parts) memset(t->top, 0, (size_t)parts * (size_t)t->sides * (size_t)t->tall * sizeof *t->top);
     peri_parallel_for(&t->f->parallel, parts, 1, peri__forward_task, t);
     for (part = 0; part < parts; part++)
         for (q = 0; q < t->sides; q++) {
