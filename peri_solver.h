@@ -1093,8 +1093,8 @@ peri_result peri_sparse_set(peri_sparse *s, const peri_real *value, peri_error *
         if (s->slot[k] >= 0 && s->slot[k] != PERI__IGNORED &&
             (s->sum[s->slot[k]] < s->sum[s->mirror[k]] || s->sum[s->slot[k]] > s->sum[s->mirror[k]]))
             return peri__fail(err, PERI_ERROR_VALUE,
-                              "sparse: entry %d and its mirror image sum up to %g and %g; the matrix must be symmetric", k,
-                              s->sum[s->slot[k]], s->sum[s->mirror[k]]);
+                              "sparse: entry %d and its mirror image sum up to %g and %g; the matrix must be "
+                              "symmetric", k, s->sum[s->slot[k]], s->sum[s->mirror[k]]);
     for (i = 0; i < stored; i++) s->value[i] = (peri_real)s->sum[i];
     for (i = 0; i < s->a.n; i++) s->diagonal[i] = (peri_real)diagonal[i];
     return peri__succeed(err);
@@ -1134,10 +1134,10 @@ void peri_sparse_destroy(peri_sparse *s) {
 #define PERI__PREFETCH(at)
 #endif
 #ifdef PERI__VECTOR
-typedef peri_real peri__vec __attribute__((vector_size(PERI__VECTOR), may_alias));
+typedef peri_real peri__reg __attribute__((vector_size(PERI__VECTOR), may_alias));
 #define PERI__LANES ((int)(PERI__VECTOR / sizeof(peri_real)))
 #else
-typedef peri_real peri__vec;
+typedef peri_real peri__reg;
 #define PERI__TILE 4
 #define PERI__LANES 1
 #endif
@@ -1146,9 +1146,9 @@ typedef peri_real peri__vec;
 #include <immintrin.h>
 #endif
 
-PERI__INLINE peri__vec peri__splat(peri_real x) {
+PERI__INLINE peri__reg peri__splat(peri_real x) {
 #ifdef PERI__VECTOR
-    peri__vec zero = {0};
+    peri__reg zero = {0};
     return x - zero; /* which a compiler may drop, unlike x + 0 */
 #else
     return x;
@@ -1156,15 +1156,15 @@ PERI__INLINE peri__vec peri__splat(peri_real x) {
 }
 
 /* c - a b; fused where the processor has that in its baseline, whatever the compiler thinks of contraction. */
-PERI__INLINE peri__vec peri__less(peri__vec c, peri__vec a, peri__vec b) {
+PERI__INLINE peri__reg peri__less(peri__reg c, peri__reg a, peri__reg b) {
 #if defined(PERI__VECTOR) && defined(__AVX512F__) && defined(PERI_DOUBLE)
-    return (peri__vec)_mm512_fnmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
+    return (peri__reg)_mm512_fnmadd_pd((__m512d)a, (__m512d)b, (__m512d)c);
 #elif defined(PERI__VECTOR) && defined(__AVX512F__)
-    return (peri__vec)_mm512_fnmadd_ps((__m512)a, (__m512)b, (__m512)c);
+    return (peri__reg)_mm512_fnmadd_ps((__m512)a, (__m512)b, (__m512)c);
 #elif defined(PERI__VECTOR) && defined(__FMA__) && defined(PERI_DOUBLE)
-    return (peri__vec)_mm256_fnmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
+    return (peri__reg)_mm256_fnmadd_pd((__m256d)a, (__m256d)b, (__m256d)c);
 #elif defined(PERI__VECTOR) && defined(__FMA__)
-    return (peri__vec)_mm256_fnmadd_ps((__m256)a, (__m256)b, (__m256)c);
+    return (peri__reg)_mm256_fnmadd_ps((__m256)a, (__m256)b, (__m256)c);
 #else
     return c - a * b;
 #endif
@@ -1964,7 +1964,7 @@ static void peri__pairs(peri__symbolic *s, const int *panel_of, size_t *fill) {
     }
 }
 
-static peri_result peri__no_memory(peri_error *err, int n) {
+static peri_result peri__factor_refused(peri_error *err, int n) {
     return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory for the factor of %d rows", n);
 }
 
@@ -2028,7 +2028,7 @@ static peri_result peri__symbolic_make(peri__plan *p, peri_error *err) {
     }
     s->bytes_rows = panels * sizeof *s->panel + (panels + 1) * sizeof *s->pairs + rows * sizeof *s->rows;
     s->panel = (peri__panel *)peri__symbolic_take(s, s->bytes_rows);
-    if (!s->panel) return peri__no_memory(err, p->n);
+    if (!s->panel) return peri__factor_refused(err, p->n);
     s->pairs = (size_t *)(void *)(s->panel + panels);
     s->rows = (int *)(void *)(s->pairs + panels + 1);
     peri__rows(p, p->list, p->u, p->v);
@@ -2041,7 +2041,7 @@ static peri_result peri__symbolic_make(peri__plan *p, peri_error *err) {
     peri__pairs(s, p->u, p->list);
     s->bytes_pair = (s->pairs[s->panels] + 1) * sizeof *s->pair;
     s->pair = (peri__pair *)peri__symbolic_take(s, s->bytes_pair);
-    if (!s->pair) return peri__no_memory(err, p->n);
+    if (!s->pair) return peri__factor_refused(err, p->n);
     peri__pairs(s, p->u, p->list);
     return PERI_OK;
 }
@@ -2065,7 +2065,7 @@ static peri_result peri__analyse(const peri_matrix *a, const peri_real *xyz, con
     size_t scratch = 2 * (n + 1) * sizeof(peri__group) + (n + 1) * (sizeof(size_t) + 7 * sizeof(int)) + n;
     char *block;
     *out = s = (peri__symbolic *)peri__resize(memory, NULL, 0, bytes);
-    if (!s) return peri__no_memory(err, a->n);
+    if (!s) return peri__factor_refused(err, a->n);
     memset(s, 0, bytes);
     s->memory = *memory;
     s->bytes = bytes;
@@ -2081,7 +2081,7 @@ static peri_result peri__analyse(const peri_matrix *a, const peri_real *xyz, con
     p.order = s->order;
     p.place = s->place;
     block = (char *)peri__resize(memory, NULL, 0, scratch);
-    if (!block) return peri__no_memory(err, a->n);
+    if (!block) return peri__factor_refused(err, a->n);
     p.groups = (peri__group *)(void *)block;
     p.sorted = p.groups + n + 1;
     p.list = (size_t *)(void *)(p.sorted + n + 1);
@@ -2105,7 +2105,7 @@ static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory
     peri_cholesky *f = (peri_cholesky *)peri__resize(memory, NULL, 0, sizeof *f);
     size_t values, scratch;
     char *block;
-    if (!f) return peri__no_memory(err, s->n);
+    if (!f) return peri__factor_refused(err, s->n);
     memset(f, 0, sizeof *f);
     f->memory = *memory;
     f->failed = -1;
@@ -2190,33 +2190,33 @@ size_t peri_cholesky_bytes(const peri_cholesky *f) { return f ? sizeof *f + f->b
 #else
 #define PERI__COLUMNS(op) op(0) op(1) op(2) op(3)
 #endif
-#define PERI__BEGIN2(k) peri__vec x##k = peri__splat(0), y##k = x##k;
+#define PERI__BEGIN2(k) peri__reg x##k = peri__splat(0), y##k = x##k;
 #define PERI__STEP2(k) x##k = peri__less(x##k, u, peri__splat(b[k])); y##k = peri__less(y##k, v, peri__splat(b[k]));
 #define PERI__SET2(k) c0[k] = x##k; c1[k] = y##k;
 #define PERI__ADD2(k) c0[k] += x##k; c1[k] += y##k;
-#define PERI__BEGIN1(k) peri__vec x##k = peri__splat(0);
+#define PERI__BEGIN1(k) peri__reg x##k = peri__splat(0);
 #define PERI__STEP1(k) x##k = peri__less(x##k, u, peri__splat(b[k]));
 #define PERI__SET1(k) c0[k] = x##k;
 #define PERI__ADD1(k) c0[k] += x##k;
 
 #define PERI__TILE_DEFINE(name, END2, END1) \
-    static void peri__tile2_##name(int depth, const peri__vec *PERI__RESTRICT a0, const peri__vec *PERI__RESTRICT a1, \
-                                   const peri_real *PERI__RESTRICT b, peri__vec *PERI__RESTRICT c0, \
-                                   peri__vec *PERI__RESTRICT c1) { \
+    static void peri__tile2_##name(int depth, const peri__reg *PERI__RESTRICT a0, const peri__reg *PERI__RESTRICT a1, \
+                                   const peri_real *PERI__RESTRICT b, peri__reg *PERI__RESTRICT c0, \
+                                   peri__reg *PERI__RESTRICT c1) { \
         int k; \
         PERI__COLUMNS(PERI__BEGIN2) \
         for (k = 0; k < depth; k++, b += PERI__TILE) { \
-            peri__vec u = a0[k], v = a1[k]; \
+            peri__reg u = a0[k], v = a1[k]; \
             PERI__COLUMNS(PERI__STEP2) \
         } \
         PERI__COLUMNS(END2) \
     } \
-    static void peri__tile1_##name(int depth, const peri__vec *PERI__RESTRICT a0, const peri_real *PERI__RESTRICT b, \
-                                   peri__vec *PERI__RESTRICT c0) { \
+    static void peri__tile1_##name(int depth, const peri__reg *PERI__RESTRICT a0, const peri_real *PERI__RESTRICT b, \
+                                   peri__reg *PERI__RESTRICT c0) { \
         int k; \
         PERI__COLUMNS(PERI__BEGIN1) \
         for (k = 0; k < depth; k++, b += PERI__TILE) { \
-            peri__vec u = a0[k]; \
+            peri__reg u = a0[k]; \
             PERI__COLUMNS(PERI__STEP1) \
         } \
         PERI__COLUMNS(END1) \
@@ -2267,10 +2267,10 @@ static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows,
    the same, `shift` registers apart. */
 static void peri__update_straight(const peri_real *value, const peri__panel *p, int depth, peri_real *target,
                                   const peri__panel *to, int row, int shift, const peri_real *right) {
-    const peri__vec *a = (const peri__vec *)(const void *)value;
+    const peri__reg *a = (const peri__reg *)(const void *)value;
     int block = row / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES;
     ptrdiff_t from = p->width, step = to->width;
-    peri__vec *c = (peri__vec *)(void *)target + (block - shift) * step + (row - shift * PERI__LANES);
+    peri__reg *c = (peri__reg *)(void *)target + (block - shift) * step + (row - shift * PERI__LANES);
     a += block * from;
     for (; block + 1 < blocks; block += 2, a += 2 * from, c += 2 * step)
         peri__tile2_add(depth, a, a + from, right, c, c + step);
@@ -2279,10 +2279,10 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
 
 static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p, const peri__panel *to, int row,
                                    int count, const peri__bench *w) {
-    const peri__vec *a = (const peri__vec *)(const void *)(f->value + p->at);
+    const peri__reg *a = (const peri__reg *)(const void *)(f->value + p->at);
     const int *rows = f->s->rows + p->row;
     peri_real *target = f->value + to->at + (rows[row] - to->first) * PERI__LANES;
-    peri__vec *tile = (peri__vec *)(void *)w->tile;
+    peri__reg *tile = (peri__reg *)(void *)w->tile;
     int block, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, k;
     for (block = row / PERI__LANES; block < blocks; block += 2) {
         int begin = block * PERI__LANES, half = begin + PERI__LANES, first = row > begin ? row - begin : 0;
@@ -2375,12 +2375,12 @@ static void peri__small_invert(peri_real *value, const peri__panel *p, int c, in
 }
 
 /* Rows of `n` columns of a panel, from the block of row c on, times the inverse of l^T. */
-static void peri__small_solve(peri__vec *x, int step, int blocks, int n, peri_real l[PERI__TILE][PERI__TILE],
+static void peri__small_solve(peri__reg *x, int step, int blocks, int n, peri_real l[PERI__TILE][PERI__TILE],
                               const peri_real inverse[PERI__TILE]) {
     int j, k;
     for (; blocks > 0; blocks--, x += step)
         for (j = 0; j < n; j++) {
-            peri__vec t = x[j];
+            peri__reg t = x[j];
             for (k = 0; k < j; k++) t = peri__less(t, x[k], peri__splat(l[j][k]));
             x[j] = t * peri__splat(inverse[j]);
         }
@@ -2388,8 +2388,8 @@ static void peri__small_solve(peri__vec *x, int step, int blocks, int n, peri_re
 
 /* Takes from columns c .. c + n - 1 of a panel what its columns before them give. */
 static void peri__panel_update(peri_real *value, const peri__panel *p, int c, int n, const peri__bench *w) {
-    const peri__vec *a = (const peri__vec *)(const void *)value;
-    peri__vec *tile = (peri__vec *)(void *)w->tile, *to = (peri__vec *)(void *)value + c;
+    const peri__reg *a = (const peri__reg *)(const void *)value;
+    peri__reg *tile = (peri__reg *)(void *)w->tile, *to = (peri__reg *)(void *)value + c;
     ptrdiff_t step = p->width;
     int block = c / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, j;
     peri__pack(value, p, c, c, n, w->right);
@@ -2406,7 +2406,7 @@ static void peri__panel_update(peri_real *value, const peri__panel *p, int c, in
 /* Factorises a panel that has all it gets from others; 0 when a pivot is not positive. */
 static int peri__panel_factor(const peri_cholesky *f, const peri__panel *p, peri__bench *w) {
     peri_real *value = f->value + p->at, l[PERI__TILE][PERI__TILE], inverse[PERI__TILE];
-    peri__vec *x = (peri__vec *)(void *)value;
+    peri__reg *x = (peri__reg *)(void *)value;
     int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, c, k, n;
     for (c = 0; c < p->width; c += PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
@@ -2426,19 +2426,19 @@ static int peri__panel_factor(const peri_cholesky *f, const peri__panel *p, peri
 }
 
 /* A factorisation under way. */
-typedef struct peri__making {
+typedef struct peri__factoring {
     peri_cholesky *f;
     const peri_matrix *a;
     const peri__panel *panel;       /* of the top */
     size_t pair, pair_end;
     int *place;
     peri__bench bench[PERI__PARTS];
-} peri__making;
+} peri__factoring;
 
 #define PERI__CHUNK (PERI__WIDTH / PERI__PARTS) /* columns of a panel of the top that one task updates */
 
 static void peri__chunk_task(int begin, int end, void *context) {
-    peri__making *t = (peri__making *)context;
+    peri__factoring *t = (peri__factoring *)context;
     for (; begin < end; begin++) {
         peri__bench w = t->bench[begin];
         int first = t->panel->first + begin * PERI__CHUNK, last = t->panel->first + t->panel->width;
@@ -2451,7 +2451,7 @@ static void peri__chunk_task(int begin, int end, void *context) {
 
 /* Makes panel j. In the top, where panels follow from each other, its columns are shared out; so they are without
    threads, for the same bits. */
-static int peri__panel_make(peri__making *t, int j, peri__bench *w) {
+static int peri__panel_make(peri__factoring *t, int j, peri__bench *w) {
     const peri__symbolic *s = t->f->s;
     const peri__panel *p = s->panel + j;
     size_t k;
@@ -2471,7 +2471,7 @@ static int peri__panel_make(peri__making *t, int j, peri__bench *w) {
 
 /* Parts, or the top: the panels that are marked. */
 static void peri__part_task(int begin, int end, void *context) {
-    peri__making *t = (peri__making *)context;
+    peri__factoring *t = (peri__factoring *)context;
     for (; begin < end; begin++) {
         peri__bench *w = t->bench + begin % PERI__PARTS;
         int j, good = 1;
@@ -2482,7 +2482,7 @@ static void peri__part_task(int begin, int end, void *context) {
 
 /* Makes the marked panels. */
 static peri_result peri__make(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
-    peri__making t;
+    peri__factoring t;
     int k;
     memset(&t, 0, sizeof t);
     t.f = f;
@@ -2565,34 +2565,34 @@ peri_result peri_cholesky_update(peri_cholesky *f, const peri_matrix *a, int cou
 
 #define PERI__THREE(op) op(0) op(1) op(2)
 #define PERI__ONE(op) op(0)
-#define PERI__SUM_BEGIN(q) peri__vec s##q = peri__splat(0), t##q = s##q;
+#define PERI__SUM_BEGIN(q) peri__reg s##q = peri__splat(0), t##q = s##q;
 #define PERI__SUM_STEP(q) \
     s##q = peri__less(s##q, u, peri__splat(y[q * PERI__WIDTH + c])); \
     t##q = peri__less(t##q, v, peri__splat(y[q * PERI__WIDTH + c]));
 #define PERI__SUM_END(q) out[q] = s##q; out[PERI__SIDES + q] = t##q;
-#define PERI__DOT_BEGIN(q) const peri__vec s##q = x[q], t##q = x[PERI__SIDES + q];
+#define PERI__DOT_BEGIN(q) const peri__reg s##q = x[q], t##q = x[PERI__SIDES + q];
 #define PERI__DOT_STEP(q) sum[PERI__SIDES * c + q] = peri__less(peri__less(sum[PERI__SIDES * c + q], u, s##q), v, t##q);
 
 /* out = -L y for two blocks of rows a and b, and sum -= L^T x for them; x and out: the sides of a, then of b. */
 #define PERI__BLOCKS_DEFINE(name, sides) \
-    static void peri__product##name(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b, \
-                                    const peri_real *PERI__RESTRICT y, peri__vec *PERI__RESTRICT out) { \
+    static void peri__product##name(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b, \
+                                    const peri_real *PERI__RESTRICT y, peri__reg *PERI__RESTRICT out) { \
         int c; \
         sides(PERI__SUM_BEGIN) \
         for (c = 0; c < width; c++) { \
-            peri__vec u = a[c], v = b[c]; \
+            peri__reg u = a[c], v = b[c]; \
             PERI__PREFETCH(a + c + 2 * width) \
             PERI__PREFETCH(b + c + 2 * width) \
             sides(PERI__SUM_STEP) \
         } \
         sides(PERI__SUM_END) \
     } \
-    static void peri__dots##name(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b, \
-                                 const peri__vec *PERI__RESTRICT x, peri__vec *PERI__RESTRICT sum) { \
+    static void peri__dots##name(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b, \
+                                 const peri__reg *PERI__RESTRICT x, peri__reg *PERI__RESTRICT sum) { \
         int c; \
         sides(PERI__DOT_BEGIN) \
         for (c = 0; c < width; c++) { \
-            peri__vec u = a[c], v = b[c]; \
+            peri__reg u = a[c], v = b[c]; \
             PERI__PREFETCH(a + c + 2 * width) \
             PERI__PREFETCH(b + c + 2 * width) \
             sides(PERI__DOT_STEP) \
@@ -2602,10 +2602,10 @@ peri_result peri_cholesky_update(peri_cholesky *f, const peri_matrix *a, int cou
 PERI__BLOCKS_DEFINE(1, PERI__ONE)
 PERI__BLOCKS_DEFINE(3, PERI__THREE)
 
-typedef void peri__product(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b,
-                           const peri_real *PERI__RESTRICT y, peri__vec *PERI__RESTRICT out);
-typedef void peri__dots(int width, const peri__vec *PERI__RESTRICT a, const peri__vec *PERI__RESTRICT b,
-                        const peri__vec *PERI__RESTRICT x, peri__vec *PERI__RESTRICT sum);
+typedef void peri__product(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b,
+                           const peri_real *PERI__RESTRICT y, peri__reg *PERI__RESTRICT out);
+typedef void peri__dots(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b,
+                        const peri__reg *PERI__RESTRICT x, peri__reg *PERI__RESTRICT sum);
 
 /* Right-hand sides on their way through L: side q of row i is x[q * n + i]. */
 typedef struct peri__sides {
@@ -2640,7 +2640,7 @@ static void peri__lanes_add(const int *PERI__RESTRICT rows, int first, int end, 
 }
 
 /* x[rows] += v in the lanes that hold rows below; those of the top have sums of their own for each part. */
-static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__vec *v) {
+static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__reg *v) {
     const int *rows = t->f->s->rows + p->row + block * PERI__LANES;
     const peri_real *from = (const peri_real *)(const void *)v;
     int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), q;
@@ -2660,7 +2660,7 @@ static void peri__block_add(const peri__sides *t, const peri__panel *p, int bloc
     }
     for (q = 0; q < t->sides; q++) { /* neighbours */
         peri_real *at = x + q * n + rows[0];
-        peri__vec sum;
+        peri__reg sum;
         memcpy(&sum, at, sizeof sum);
         sum += v[q];
         memcpy(at, &sum, sizeof sum);
@@ -2668,7 +2668,7 @@ static void peri__block_add(const peri__sides *t, const peri__panel *p, int bloc
 }
 
 /* v = x[rows], 0 in the lanes that do not hold rows below. */
-static void peri__block_get(const peri__sides *t, const peri__panel *p, int block, peri__vec *v) {
+static void peri__block_get(const peri__sides *t, const peri__panel *p, int block, peri__reg *v) {
     const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__LANES;
     int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k, q;
     for (q = 0; q < t->sides; q++) {
@@ -2685,15 +2685,15 @@ static void peri__block_get(const peri__sides *t, const peri__panel *p, int bloc
 }
 
 /* y = L^-1 y for the panel's own columns, a tile at a time. */
-static void peri__down(const peri__sides *t, const peri__vec *value, int width, peri_real *y) {
-    peri__vec out[2 * PERI__SIDES];
+static void peri__down(const peri__sides *t, const peri__reg *value, int width, peri_real *y) {
+    peri__reg out[2 * PERI__SIDES];
     peri_real z[PERI__SIDES * PERI__TILE];
     const peri_real *lane = (const peri_real *)(const void *)out;
     int blocks = (width + PERI__LANES - 1) / PERI__LANES, c, b, q, k, n;
     for (c = 0; c < width; c += PERI__TILE) {
         n = width - c < PERI__TILE ? width - c : PERI__TILE;
         for (b = c / PERI__LANES; b * PERI__LANES < c + n; b++) { /* the inverse of its block */
-            const peri__vec *v = value + (ptrdiff_t)b * width + c;
+            const peri__reg *v = value + (ptrdiff_t)b * width + c;
             int begin = b * PERI__LANES < c ? c - b * PERI__LANES : 0;
             int end = (b + 1) * PERI__LANES > c + n ? c + n - b * PERI__LANES : PERI__LANES;
             t->product(n, v, v, y + c, out);
@@ -2703,7 +2703,7 @@ static void peri__down(const peri__sides *t, const peri__vec *value, int width, 
         for (q = 0; q < t->sides; q++)
             for (k = 0; k < n; k++) y[q * PERI__WIDTH + c + k] = z[q * PERI__TILE + k];
         for (b = (c + n) / PERI__LANES; b < blocks; b++) { /* what it gives to the columns after it */
-            const peri__vec *v = value + (ptrdiff_t)b * width + c;
+            const peri__reg *v = value + (ptrdiff_t)b * width + c;
             t->product(n, v, v, y + c, out);
             for (q = 0; q < t->sides; q++)
                 for (k = b * PERI__LANES < c + n ? c + n - b * PERI__LANES : 0; k < PERI__LANES; k++)
@@ -2714,9 +2714,9 @@ static void peri__down(const peri__sides *t, const peri__vec *value, int width, 
 
 /* x = L^-1 x: a panel's own columns, then the rows below, two blocks at a time. */
 static void peri__forward(const peri__sides *t, const peri__panel *p) {
-    const peri__vec *value = (const peri__vec *)(const void *)(t->f->value + p->at);
+    const peri__reg *value = (const peri__reg *)(const void *)(t->f->value + p->at);
     int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k;
-    peri__vec own[PERI__SIDES * PERI__WIDTH / PERI__LANES], out[2 * PERI__SIDES];
+    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__LANES], out[2 * PERI__SIDES];
     peri_real *y = (peri_real *)(void *)own;
     for (q = 0; q < t->sides; q++) {
         memcpy(y + q * PERI__WIDTH, t->x + (ptrdiff_t)q * t->n + p->first, (size_t)p->width * sizeof *y);
@@ -2726,7 +2726,7 @@ static void peri__forward(const peri__sides *t, const peri__panel *p) {
     for (q = 0; q < t->sides; q++)
         memcpy(t->x + (ptrdiff_t)q * t->n + p->first, y + q * PERI__WIDTH, (size_t)p->width * sizeof *y);
     for (b = p->width / PERI__LANES; b < blocks; b += 2) {
-        const peri__vec *one = value + (ptrdiff_t)b * p->width;
+        const peri__reg *one = value + (ptrdiff_t)b * p->width;
         t->product(p->width, one, b + 1 < blocks ? one + p->width : one, y, out);
         peri__block_add(t, p, b, out);
         if (b + 1 < blocks) peri__block_add(t, p, b + 1, out + PERI__SIDES);
@@ -2734,7 +2734,7 @@ static void peri__forward(const peri__sides *t, const peri__panel *p) {
 }
 
 /* Sum of the lanes, always in the same order. */
-PERI__INLINE peri_real peri__lanes_sum(const peri__vec *v) {
+PERI__INLINE peri_real peri__lanes_sum(const peri__reg *v) {
 #ifdef PERI__VECTOR
     typedef peri_real quarter __attribute__((vector_size(16), may_alias));
     const quarter *a = (const quarter *)(const void *)v;
@@ -2752,7 +2752,7 @@ PERI__INLINE peri_real peri__lanes_sum(const peri__vec *v) {
 }
 
 /* done = L^-T (x + sum) for a tile of n columns: times the transposed inverse of its block. */
-static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int n, const peri__vec *sum,
+static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int n, const peri__reg *sum,
                           peri_real *done) {
     const peri_real *value = t->f->value + p->at;
     peri_real x[PERI__SIDES][PERI__TILE];
@@ -2772,16 +2772,16 @@ static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int
 }
 
 /* x = L^-T x of a panel's own columns, from the last tile to the first; sum: what the rows below give. */
-static void peri__up(const peri__sides *t, const peri__panel *p, peri__vec *sum) {
+static void peri__up(const peri__sides *t, const peri__panel *p, peri__reg *sum) {
     const peri_real *value = t->f->value + p->at;
-    peri__vec own[PERI__SIDES * PERI__WIDTH / PERI__LANES], in[2 * PERI__SIDES];
+    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__LANES], in[2 * PERI__SIDES];
     peri_real *done = (peri_real *)(void *)own; /* 0 where not yet */
     int blocks = (p->width + PERI__LANES - 1) / PERI__LANES, c, b, q, n;
     for (q = 0; q < t->sides; q++) memset(done + q * PERI__WIDTH, 0, (size_t)blocks * sizeof *own);
     for (c = (p->width - 1) / PERI__TILE * PERI__TILE; c >= 0; c -= PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
         for (b = (c + n) / PERI__LANES; b < blocks; b += 2) {
-            const peri__vec *one = (const peri__vec *)(const void *)value + (ptrdiff_t)b * p->width + c;
+            const peri__reg *one = (const peri__reg *)(const void *)value + (ptrdiff_t)b * p->width + c;
             for (q = 0; q < t->sides; q++) {
                 in[q] = own[q * PERI__WIDTH / PERI__LANES + b];
                 in[PERI__SIDES + q] = b + 1 < blocks ? own[q * PERI__WIDTH / PERI__LANES + b + 1] : peri__splat(0);
@@ -2796,12 +2796,12 @@ static void peri__up(const peri__sides *t, const peri__panel *p, peri__vec *sum)
 
 /* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other. */
 static void peri__backward(const peri__sides *t, const peri__panel *p) {
-    const peri__vec *value = (const peri__vec *)(const void *)(t->f->value + p->at);
+    const peri__reg *value = (const peri__reg *)(const void *)(t->f->value + p->at);
     int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q;
-    peri__vec sum[PERI__SIDES * PERI__WIDTH], in[2 * PERI__SIDES];
+    peri__reg sum[PERI__SIDES * PERI__WIDTH], in[2 * PERI__SIDES];
     memset(sum, 0, PERI__SIDES * (size_t)p->width * sizeof *sum);
     for (b = p->width / PERI__LANES; b < blocks; b += 2) {
-        const peri__vec *one = value + (ptrdiff_t)b * p->width;
+        const peri__reg *one = value + (ptrdiff_t)b * p->width;
         peri__block_get(t, p, b, in);
         if (b + 1 < blocks) peri__block_get(t, p, b + 1, in + PERI__SIDES);
         else for (q = 0; q < t->sides; q++) in[PERI__SIDES + q] = peri__splat(0);
