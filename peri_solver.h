@@ -373,45 +373,112 @@ void peri_parallel_for(const peri_parallel *par, int count, int grain, peri_task
 #define PERI__GRAIN 256 /* rows in a piece of a loop over a matrix */
 #define PERI__RUN 4096  /* numbers in a piece of a loop over vectors, and the shortest block of a dot product */
 
-typedef struct peri__dot_task {
-    const peri_real *a, *b;
-    int n, block;
-    double sum[PERI__BLOCKS];
-} peri__dot_task;
-
 /* Four interleaved sums hide the latency of the addition; their order is as fixed as that of one. */
-static void peri__dot_blocks(int begin, int end, void *context) {
-    peri__dot_task *t = (peri__dot_task *)context;
+static double peri__dot_run(int n, const peri_real *a, const peri_real *b) {
+    double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+    int i;
+    for (i = 0; i + 3 < n; i += 4) {
+        s0 += (double)a[i] * (double)b[i];
+        s1 += (double)a[i + 1] * (double)b[i + 1];
+        s2 += (double)a[i + 2] * (double)b[i + 2];
+        s3 += (double)a[i + 3] * (double)b[i + 3];
+    }
+    for (; i < n; i++) s0 += (double)a[i] * (double)b[i];
+    return (s0 + s1) + (s2 + s3);
+}
+
+/* y = keep y + factor x. Runs of sixteen: a length that compilers know is vectorised at plain -O2, too. */
+static void peri__combine_run(int n, double keep, peri_real *PERI__RESTRICT y, double factor,
+                              const peri_real *PERI__RESTRICT x) {
+    int i, k;
+    for (i = 0; i + 15 < n; i += 16)
+        for (k = 0; k < 16; k++) y[i + k] = (peri_real)(keep * (double)y[i + k] + factor * (double)x[i + k]);
+    for (; i < n; i++) y[i] = (peri_real)(keep * (double)y[i] + factor * (double)x[i]);
+}
+
+/* A pass over vectors: y = keep y + factor x where there is an x, then sums of y and z, y and y, z and z where there
+   is a z. A block is still near when its sum is taken. */
+typedef struct peri__vectors {
+    int n, block, squares;
+    double keep, factor;
+    const peri_real *x, *z;
+    peri_real *y;
+    double sum[PERI__BLOCKS], square[2][PERI__BLOCKS];
+} peri__vectors;
+
+static void peri__vectors_run(int begin, int end, void *context) {
+    peri__vectors *t = (peri__vectors *)context;
     int block;
     for (block = begin; block < end; block++) {
-        const peri_real *a = t->a + (ptrdiff_t)block * t->block, *b = t->b + (ptrdiff_t)block * t->block;
-        ptrdiff_t left = t->n - (ptrdiff_t)block * t->block;
-        int i, n = left < t->block ? (int)left : t->block;
-        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-        for (i = 0; i + 3 < n; i += 4) {
-            s0 += (double)a[i] * (double)b[i];
-            s1 += (double)a[i + 1] * (double)b[i + 1];
-            s2 += (double)a[i + 2] * (double)b[i + 2];
-            s3 += (double)a[i + 3] * (double)b[i + 3];
-        }
-        for (; i < n; i++) s0 += (double)a[i] * (double)b[i];
-        t->sum[block] = (s0 + s1) + (s2 + s3);
+        ptrdiff_t at = (ptrdiff_t)block * t->block, left = t->n - at;
+        int n = left < t->block ? (int)left : t->block;
+        if (t->x) peri__combine_run(n, t->keep, t->y + at, t->factor, t->x + at);
+        if (t->z) t->sum[block] = peri__dot_run(n, t->y + at, t->z + at);
+        if (!t->squares) continue;
+        t->square[0][block] = peri__dot_run(n, t->y + at, t->y + at);
+        t->square[1][block] = peri__dot_run(n, t->z + at, t->z + at);
     }
 }
 
-double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
-    peri__dot_task t;
-    double sum = 0;
-    int block, blocks;
-    if (n <= 0) return 0;
-    t.a = a;
-    t.b = b;
+/* Numbers, or rows, in each of at most PERI__BLOCKS blocks, which depend on n alone. */
+static int peri__block(int n, int least) {
+    int block = (n - 1) / PERI__BLOCKS + 1;
+    return block < least ? least : block;
+}
+
+static double peri__sum_blocks(const double *sum, int blocks) {
+    double all = 0;
+    int block;
+    for (block = 0; block < blocks; block++) all += sum[block];
+    return all;
+}
+
+static double peri__vectors_pass(const peri_parallel *par, peri__vectors *t) {
+    int blocks;
+    if (t->n <= 0) return 0;
+    t->block = peri__block(t->n, PERI__RUN);
+    blocks = (t->n - 1) / t->block + 1;
+    peri_parallel_for(par, blocks, 1, peri__vectors_run, t);
+    return t->z ? peri__sum_blocks(t->sum, blocks) : 0;
+}
+
+/* y = keep y + factor x; returns y.z of the new y, in one pass. z NULL: no sum; z may be y. */
+static double peri__combine_dot(const peri_parallel *par, int n, double keep, peri_real *y, double factor,
+                                const peri_real *x, const peri_real *z) {
+    peri__vectors t;
     t.n = n;
-    t.block = (n - 1) / PERI__BLOCKS + 1;
-    if (t.block < PERI__RUN) t.block = PERI__RUN;
-    blocks = (n - 1) / t.block + 1;
-    peri_parallel_for(par, blocks, 1, peri__dot_blocks, &t);
-    for (block = 0; block < blocks; block++) sum += t.sum[block];
+    t.squares = 0;
+    t.keep = keep;
+    t.factor = factor;
+    t.x = x;
+    t.y = y;
+    t.z = z;
+    return peri__vectors_pass(par, &t);
+}
+
+double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
+    return peri__combine_dot(par, n, 1, (peri_real *)(uintptr_t)a, 0, NULL, b);
+}
+
+/* Returns a.b with a.a and b.b, in one pass. */
+static double peri__dot_squares(const peri_parallel *par, int n, const peri_real *a, const peri_real *b,
+                                double square[2]) {
+    peri__vectors t;
+    double sum;
+    t.n = n;
+    t.squares = 1;
+    t.keep = 1;
+    t.factor = 0;
+    t.x = NULL;
+    t.y = (peri_real *)(uintptr_t)a; /* only read without x */
+    t.z = b;
+    square[0] = square[1] = 0;
+    sum = peri__vectors_pass(par, &t);
+    if (n > 0) {
+        int blocks = (n - 1) / t.block + 1;
+        square[0] = peri__sum_blocks(t.square[0], blocks);
+        square[1] = peri__sum_blocks(t.square[1], blocks);
+    }
     return sum;
 }
 
@@ -1651,9 +1718,9 @@ void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors) {
 /* The cosine of s and y is at least 2 sqrt(k) / (1 + k) for a quadratic of condition k (Kantorovich): below 1e-8 it is
    rounding, or the energy is not convex there. */
 void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y) {
-    double sy = peri_dot(par, l->n, s, y), ss = peri_dot(par, l->n, s, s), yy = peri_dot(par, l->n, y, y);
+    double square[2], sy = peri__dot_squares(par, l->n, s, y, square);
     ptrdiff_t at = (ptrdiff_t)l->head * l->n;
-    if (l->m == 0 || !(sy > 1e-8 * sqrt(ss) * sqrt(yy)) || !peri__finite(1 / sy)) return;
+    if (l->m == 0 || !(sy > 1e-8 * sqrt(square[0]) * sqrt(square[1])) || !peri__finite(1 / sy)) return;
     memcpy(l->s + at, s, (size_t)l->n * sizeof *s);
     memcpy(l->y + at, y, (size_t)l->n * sizeof *y);
     l->rho[l->head] = 1 / sy;
@@ -1661,51 +1728,36 @@ void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s
     if (l->used < l->m) l->used++;
 }
 
-typedef struct peri__axpy_task {
-    double factor, keep;
-    const peri_real *x;
-    peri_real *y;
-} peri__axpy_task;
+static int peri__lbfgs_slot(const peri_lbfgs *l, int age) { return (l->head - age + l->m) % l->m; }
 
-static void peri__axpy_run(int begin, int end, void *context) {
-    peri__axpy_task *t = (peri__axpy_task *)context;
-    int i;
-    for (i = begin; i < end; i++) t->y[i] = (peri_real)(t->keep * (double)t->y[i] + t->factor * (double)t->x[i]);
-}
-
-/* y = keep y + factor x */
-static void peri__axpy(const peri_parallel *par, int n, double keep, peri_real *y, double factor, const peri_real *x) {
-    peri__axpy_task t;
-    t.keep = keep;
-    t.factor = factor;
-    t.x = x;
-    t.y = y;
-    peri_parallel_for(par, n, PERI__RUN, peri__axpy_run, &t);
-}
-
-/* Newest pair first on the way in, oldest first on the way out (Nocedal 1980; Nocedal & Wright, algorithm 7.4). */
+/* Newest pair first on the way in, oldest first on the way out (Nocedal 1980; Nocedal & Wright, algorithm 7.4). Each
+   pass takes one pair off and multiplies with the next. */
 void peri_lbfgs_apply(const peri_lbfgs *l, const peri_parallel *par, const peri_real *g, peri_real *p, peri_real *work,
                       peri_precondition *precondition, void *context) {
-    double alpha[PERI_LBFGS_MAX];
+    double alpha[PERI_LBFGS_MAX], sum = 0;
     int i, k, n = l->n;
     if (n <= 0) return;
     memcpy(work, g, (size_t)n * sizeof *g);
+    if (l->used > 0) sum = peri_dot(par, n, work, l->s + (ptrdiff_t)peri__lbfgs_slot(l, 1) * n);
     for (i = 1; i <= l->used; i++) {
-        k = (l->head - i + l->m) % l->m;
-        alpha[k] = l->rho[k] * peri_dot(par, n, l->s + (ptrdiff_t)k * n, work);
-        peri__axpy(par, n, 1, work, -alpha[k], l->y + (ptrdiff_t)k * n);
+        const peri_real *next = i < l->used ? l->s + (ptrdiff_t)peri__lbfgs_slot(l, i + 1) * n : NULL;
+        k = peri__lbfgs_slot(l, i);
+        alpha[k] = l->rho[k] * sum;
+        sum = peri__combine_dot(par, n, 1, work, -alpha[k], l->y + (ptrdiff_t)k * n, next);
     }
     if (precondition)
         precondition(work, p, context);
     else
         memcpy(p, work, (size_t)n * sizeof *p);
+    if (l->used > 0) sum = peri_dot(par, n, p, l->y + (ptrdiff_t)peri__lbfgs_slot(l, l->used) * n);
     for (i = l->used; i >= 1; i--) {
-        double beta;
-        k = (l->head - i + l->m) % l->m;
-        beta = l->rho[k] * peri_dot(par, n, l->y + (ptrdiff_t)k * n, p);
-        peri__axpy(par, n, 1, p, alpha[k] - beta, l->s + (ptrdiff_t)k * n);
+        const peri_real *next = i > 1 ? l->y + (ptrdiff_t)peri__lbfgs_slot(l, i - 1) * n : NULL;
+        double sign = i > 1 ? 1 : -1, beta; /* the last one turns H g into -H g */
+        k = peri__lbfgs_slot(l, i);
+        beta = l->rho[k] * sum;
+        sum = peri__combine_dot(par, n, sign, p, sign * (alpha[k] - beta), l->s + (ptrdiff_t)k * n, next);
     }
-    peri__axpy(par, n, -1, p, 0, work);
+    if (l->used == 0) peri__combine_dot(par, n, -1, p, 0, work, NULL);
 }
 
 #endif /* PERI_SOLVER_IMPLEMENTED */
