@@ -30,6 +30,20 @@ static void quick_start_of_solver(void) {
     peri_cholesky_destroy(f);
     CHECK(solved);
     for (k = 0; k < 9; k++) NEAR(b[k], wanted[k] / 4.0, 1e-6);
+    peri_real x[9] = {0}, room[36];
+    peri_iteration o = peri_default_iteration();
+    peri_report report;  peri_incomplete *ic = NULL;
+    if (peri_incomplete_create(&a, 3, NULL, &ic, &err) == PERI_OK &&
+        peri_incomplete_factor(ic, &a, &err) == PERI_OK) {
+        o.precondition = peri_incomplete_apply;
+        o.context = ic;
+        peri_solve_cg(&a, 3, b, x, room, &o, &report, &err);
+    }
+    peri_incomplete_destroy(ic);
+    /* the factor of a tridiagonal matrix has no fill: one step is exact, and the square of that inverse comes out */
+    CHECK(report.result == PERI_OK && report.iterations == 1 && peri_solve_work(3, 3) == 36);
+    NEAR(x[0], (9 + 4 + 1) / 16.0, 1e-5);
+    NEAR(x[4], (4 + 16 + 4) / 16.0, 1e-5);
 }
 
 static void quick_start_of_material(void) {
