@@ -6452,26 +6452,31 @@ static double peri__corrections(const peri__solve *s, double *length) {
 
 #define PERI__NOISE (sizeof(peri_real) > 4 ? 1e-12 : 1e-6)      /* of an energy, relative */
 
+/* The slope and the energy at a share of p, and the gradient there in g1 (peri_trial). */
+static int peri__search_trial(double share, double *slope, double *energy, void *context) {
+    peri__solve *s = (peri__solve *)context;
+    peri__positions_set(s, s->base, share);
+    if (!peri__evaluate(s, s->g1, energy ? &s->energy1 : NULL)) return 0;
+    *slope = peri_dot(&s->w->def.parallel, s->n, s->g1, s->p);
+    if (energy) *energy = s->energy1;
+    return 1;
+}
+
 /* Goes along p from where x is, as far as slope and energy allow; leaves the gradient there in g1. Returns the share of
    p that was gone, 0 when no share would do. */
 static double peri__search(peri__solve *s) {
-    const peri_parallel *par = &s->w->def.parallel;
-    double slope = peri_dot(par, s->n, s->g, s->p), alpha = 1, slope1, shrink;
-    double noise = PERI__NOISE * fabs(s->energy);
-    int tries;
+    peri_search o = peri_default_search();
+    peri_line line;
+    double share;
+    o.energetic = s->energetic;
+    o.noise = PERI__NOISE * fabs(s->energy);
+    line.trial = peri__search_trial;
+    line.context = s;
+    line.slope = peri_dot(&s->w->def.parallel, s->n, s->g, s->p);
+    line.energy = s->energy;
     peri__positions_get(s, s->base);
-    for (tries = 0; tries < 14; tries++) {
-        peri__positions_set(s, s->base, alpha);
-        shrink = 0.25;
-        if (peri__evaluate(s, s->g1, s->energetic ? &s->energy1 : NULL)) {
-            slope1 = peri_dot(par, s->n, s->g1, s->p);
-            if (slope1 <= 0.9 * fabs(slope) && (!s->energetic || s->energy1 <= s->energy + noise)) return alpha;
-            shrink = slope1 > 0 ? slope / (slope - slope1) : 0.5;
-        }
-        alpha *= shrink < 0.1 ? 0.1 : shrink > 0.6 ? 0.6 : shrink;
-    }
-    peri__positions_put(s, s->base);
-    return 0;
+    if (peri_line_search(&line, &share, &o, NULL, NULL)) peri__positions_put(s, s->base);
+    return share;
 }
 
 /* One quasi-Newton step from the gradient in g: direction, search, memory. *length: the correction, m; *worst: in

@@ -18,12 +18,26 @@
            peri_cholesky_factor(f, peri_sparse_matrix(a), &err) == PERI_OK)
            peri_cholesky_solve(f, 1, b, work);          (b now holds x = 3/4, 1/2, 1/4)
        peri_cholesky_destroy(f);
+
+   or by conjugate gradients over an incomplete factor (every iterative solver is called like this)
+       peri_real x[3] = {0}, room[12];     (12: peri_solve_work of 3 rows and one right-hand side)
+       peri_iteration o = peri_default_iteration();
+       peri_report report;  peri_incomplete *ic = NULL;
+       if (peri_incomplete_create(peri_sparse_matrix(a), 1, NULL, &ic, &err) == PERI_OK &&
+           peri_incomplete_factor(ic, peri_sparse_matrix(a), &err) == PERI_OK) {
+           o.precondition = peri_incomplete_apply;
+           o.context = ic;
+           peri_solve_cg(peri_sparse_matrix(a), 1, b, x, room, &o, &report, &err);  (report: iterations, residual)
+       }
+       peri_incomplete_destroy(ic);
        peri_sparse_destroy(a);
    Values change, the pattern stays: peri_sparse_set and peri_cholesky_factor again. A few rows change:
    peri_cholesky_update. A guess is known, or double precision wanted of float: peri_cholesky_refine.
 
-   DOES       sparse Cholesky with nested dissection or minimum degree, float or double; Jacobi; Jacobi + Chebyshev;
-              L-BFGS over any preconditioner; 3x3 eigenvalues, SVD, polar; 6x6 inverse; reproducible log and exp.
+   DOES       sparse Cholesky with nested dissection or minimum degree, float or double; Jacobi, Jacobi + Chebyshev with
+              the spectrum estimated, conjugate gradients, over Jacobi, IC(0), polynomials or an old factor; L-BFGS over
+              any preconditioner, line search, a minimiser of both; Anderson acceleration of fixed points; 3x3
+              eigenvalues, SVD, polar; 6x6 inverse; reproducible log and exp.
    DOES NOT   handle unsymmetric or indefinite matrices (the failing pivot is reported); run on a GPU.
 
    OPTIONS (define before including, the same in every translation unit)
@@ -32,7 +46,8 @@
        PERI_ASSERT(x)      misuse checks; default assert(); the code stays safe when it is empty
        PERI_NO_CHOLESKY    leaves the Cholesky factorisation out of the binary
 
-   MEMORY        only peri_cholesky_create allocates, through the hook it is given (NULL: realloc and free).
+   MEMORY        only functions with a peri_allocator allocate (NULL: realloc and free), and only when they create.
+                 Iterations work in what the caller passes; functions ending in _work say how much.
    THREADS       functions work on what they are passed; nothing is global. Calls on different objects may run at once.
                  Work is handed to peri_parallel in chunks whose bounds depend on the size alone.
    DETERMINISM   sums run over fixed blocks in a fixed order: the same bits for any number of threads. With
@@ -46,6 +61,8 @@
        4  sparse matrices and iterative solvers
        5  sparse Cholesky
        6  L-BFGS
+       7  line search, minimisation
+       8  Anderson acceleration
        implementation in the same order
 
    HISTORY
@@ -84,6 +101,7 @@ typedef double peri_real;
 /* A float caller linked with a double implementation must not link: one symbol of each floor differs. */
 #define peri_world_create peri_world_create_double
 #define peri_cholesky_create peri_cholesky_create_double
+#define peri_sparse_set peri_sparse_set_double
 #define peri_material_check peri_material_check_double
 #else
 typedef float peri_real;
@@ -199,6 +217,132 @@ PERI_DEF void peri_jacobi3(const peri_matrix *a, const peri_parallel *par, const
 PERI_DEF void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps, double low, double high,
                               const peri_real *b, peri_real *x, peri_real *work);
 
+/* -- solvers of A x = b, all called in the same way -- */
+
+/* A preconditioner: p = P^-1 g, linear, symmetric and positive. g may not alias p; both as long as the vectors of the
+   solve that calls it, on whose thread it runs. Ready ones: peri_incomplete_apply, peri_polynomial_apply,
+   peri_factor_apply. */
+typedef void peri_precondition(const peri_real *g, peri_real *p, void *context);
+
+/* Where the eigenvalues of D^-1 A lie. Zeroed, it says that nothing is known. Kept by the caller from solve to solve,
+   it saves the estimate; a solve that finds it wrong, as after a change of A, corrects it. Zero it after a large
+   change. */
+typedef struct peri_spectrum {
+    double low, high;               /* estimate; high 0: none yet */
+    double bound_low, bound_high;   /* Gershgorin's circles: none lies outside; bound_low 0: who knows */
+    int products;                   /* multiplications with A, one right-hand side each, spent on it so far */
+} peri_spectrum;
+
+/* How to iterate: peri_default_iteration(), then change what you need. */
+typedef struct peri_iteration {
+    uint32_t cookie;                /* set by peri_default_iteration */
+    double tolerance;               /* >= 0; 1e-4, in double 1e-8. Linear: ends at |b - A x| <= tolerance |b|, all
+                                       right-hand sides together; floats stall where |A| |x| is 1e7 times that.
+                                       peri_minimise: the largest entry of the correction, in the unit of x */
+    int max_iterations;             /* >= 0; 1000. 0: only the residual is evaluated */
+    const peri_parallel *parallel;  /* NULL: serial */
+    peri_precondition *precondition; /* of CG and peri_minimise; NULL: Jacobi (CG), none (peri_minimise) */
+    void *context;                  /* of precondition */
+    int flexible;                   /* CG: 1 for a preconditioner that is not quite linear, as one that iterates */
+    peri_spectrum *spectrum;        /* Chebyshev: kept between solves; NULL: estimated in each */
+    void (*watch)(int iteration, double residual, void *user); /* told of each iteration; NULL: nobody */
+    void *user;                     /* of watch */
+} peri_iteration;
+
+/* What a call did. Filled whatever the result. */
+typedef struct peri_report {
+    peri_result result;     /* what the function returned */
+    int iterations;         /* changes of x (linear, peri_minimise), trials (peri_line_search) */
+    int restarts;           /* Chebyshev, Jacobi: another interval; CG: anew from the true residual; peri_minimise: its
+                               memory was dropped */
+    int fallbacks;          /* Chebyshev, Jacobi: 1 when it ended as CG */
+    int evaluations;        /* multiplications with A (rhs at a time), or gradients */
+    double residual;        /* |b - A x| / |b| of the x returned, in double; peri_minimise: |g| / |g at first| */
+    double correction;      /* peri_minimise: largest entry of the last correction */
+} peri_report;
+
+/* Defaults as written above. */
+PERI_DEF peri_iteration peri_default_iteration(void);
+
+/* Reals of work that each solver below takes: 4 rhs n; 0 when an argument is negative or the product passes size_t. */
+PERI_DEF size_t peri_solve_work(int n, int rhs);
+
+/* One calling convention: solves A x = b from the first guess in x (in and out, rhs*n; b: rhs*n; rhs 1 to 3; work:
+   peri_solve_work reals). Nothing is allocated. report and err may be NULL. Calls with different x and work may run at
+   once. Errors, x unchanged: ARGUMENT (NULL, cookie, rhs), INDEX (pattern), VALUE (not finite), PIVOT (a diagonal entry
+   is not positive), LIMIT. Errors, x the best so far: CONVERGENCE (max_iterations, or rounding allows no better; the
+   text gives the residual), PIVOT (A or the preconditioner turns out not to be positive definite). Jacobi and Chebyshev
+   return no residual larger than the first, weighted by D^-1; CG goes down in the energy of the error. */
+typedef peri_result peri_solve(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x, peri_real *work,
+                               const peri_iteration *o, peri_report *report, peri_error *err);
+
+/* Jacobi: x += D^-1 (b - A x). Where the residual grows (D^-1 A has eigenvalues above 2) it goes on damped, by a factor
+   from Gershgorin's bound, and when that does not help either as CG. */
+PERI_DEF peri_result peri_solve_jacobi(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x, peri_real *work,
+                                       const peri_iteration *o, peri_report *report, peri_error *err);
+
+/* Jacobi with Chebyshev acceleration (Golub & Varga 1961; PP section 4.2 after Wang 2015), one pass over the matrix an
+   iteration, the residual in double. The interval is o->spectrum, or estimated. Every 16 iterations the fall of the
+   residual is held against theory: when it grows, x goes back and the interval is widened upwards, at last to
+   Gershgorin's bound; when it falls too slowly, downwards, by the eigenvalue that explains the rate (after Manteuffel
+   1977); when that does not help, it ends as CG. So it never diverges. */
+PERI_DEF peri_result peri_solve_chebyshev(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x,
+                                          peri_real *work, const peri_iteration *o, peri_report *report,
+                                          peri_error *err);
+
+/* Preconditioned conjugate gradients (Hestenes & Stiefel 1952; Saad, algorithm 9.1): the right-hand sides make one long
+   vector, so a preconditioner may couple them. Ends on the true residual, from which it starts anew when that differs
+   from the one carried along. */
+PERI_DEF peri_result peri_solve_cg(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x, peri_real *work,
+                                   const peri_iteration *o, peri_report *report, peri_error *err);
+
+/* Estimates the interval by `steps` (1 to 64; 20 is good) steps of CG on a fixed random vector, whose coefficients are
+   those of Lanczos (Saad, section 6.7.3), widened by 5 % and kept within Gershgorin's bound. The low end comes out too
+   high where there are many small eigenvalues; the solver finds out. work: 4 n reals. Errors as of peri_solve. */
+PERI_DEF peri_result peri_spectrum_estimate(peri_spectrum *s, const peri_matrix *a, int steps, peri_real *work,
+                                            const peri_parallel *par, peri_error *err);
+
+/* -- preconditioners -- */
+
+/* peri_chebyshev3 for 1 to 3 right-hand sides as a preconditioner; the caller fills it. sweeps 1: Jacobi. */
+typedef struct peri_polynomial {
+    const peri_matrix *a;
+    int rhs, sweeps;
+    double low, high;               /* 0 <= low <= high > 0, as from peri_spectrum */
+    const peri_parallel *parallel;  /* NULL: serial */
+    peri_real *work;                /* 2 rhs n */
+} peri_polynomial;
+
+/* A peri_precondition; context: a peri_polynomial. */
+PERI_DEF void peri_polynomial_apply(const peri_real *g, peri_real *p, void *polynomial);
+
+/* Incomplete Cholesky factor without fill, IC(0) (Meijerink & van der Vorst 1977): A ~ L L', L on the lower pattern of
+   A. A fifth of the iterations of Jacobi-CG on stiff lattices, for about the work of two multiplications each. */
+typedef struct peri_incomplete peri_incomplete;
+
+/* Allocates for the pattern of a, and for vectors of rhs (1 to 3) right-hand sides. memory NULL: realloc and free; it
+   must outlive the factor. Errors: ARGUMENT, INDEX, LIMIT, MEMORY. */
+PERI_DEF peri_result peri_incomplete_create(const peri_matrix *a, int rhs, const peri_allocator *memory,
+                                            peri_incomplete **out, peri_error *err);
+
+/* Computes L from the values of a, whose pattern must be that of create (else ARGUMENT); may be called again, allocates
+   nothing. Where a pivot fails, which for matrices with positive entries beside the diagonal may happen though A is
+   positive definite, it begins anew with A + shift D, shift 1e-3 and then four times as much each time (Manteuffel
+   1980). Errors: VALUE (not finite), PIVOT (a diagonal entry is not positive). */
+PERI_DEF peri_result peri_incomplete_factor(peri_incomplete *f, const peri_matrix *a, peri_error *err);
+
+/* The shift that the last factorisation took; 0 is none. */
+PERI_DEF double peri_incomplete_shift(const peri_incomplete *f);
+/* Bytes held. */
+PERI_DEF size_t peri_incomplete_bytes(const peri_incomplete *f);
+
+/* p = (L L')^-1 g, a peri_precondition; context: the peri_incomplete, factored. Serial; only reads the factor, so
+   several threads may apply one. */
+PERI_DEF void peri_incomplete_apply(const peri_real *g, peri_real *p, void *incomplete);
+
+/* Frees; NULL is fine. */
+PERI_DEF void peri_incomplete_destroy(peri_incomplete *f);
+
 /* ---- 5  sparse Cholesky ------------------------------------------------------------------------------------------ */
 
 /* Which entries (i, j) off the diagonal a caller hands over; the others of the two are ignored. */
@@ -286,9 +430,6 @@ PERI_DEF void peri_cholesky_destroy(peri_cholesky *f);
 /* ---- 6  L-BFGS --------------------------------------------------------------------------------------------------- */
 #define PERI_LBFGS_MAX 8
 
-/* A preconditioner: p = P^-1 g, symmetric and positive. g may not alias p. */
-typedef void peri_precondition(const peri_real *g, peri_real *p, void *context);
-
 /* The memory of the last `m` steps; vectors belong to the caller: 2 * m * n reals. */
 typedef struct peri_lbfgs {
     int n, m, used, head;
@@ -306,6 +447,103 @@ PERI_DEF void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const per
    p may not alias g. work: n. */
 PERI_DEF void peri_lbfgs_apply(const peri_lbfgs *l, const peri_parallel *par, const peri_real *g, peri_real *p,
                                peri_real *work, peri_precondition *precondition, void *context);
+
+#ifndef PERI_NO_CHOLESKY
+/* A Cholesky factor as a preconditioner, also one of an older matrix: after a few changes, as broken bonds, CG with it
+   takes few iterations more than changes. The caller fills it. */
+typedef struct peri_factor_use {
+    const peri_cholesky *factor;
+    int n, rhs;                     /* rows, right-hand sides (1 to 3) */
+    peri_real *work;                /* 2 n rhs */
+} peri_factor_use;
+
+/* A peri_precondition; context: a peri_factor_use. */
+PERI_DEF void peri_factor_apply(const peri_real *g, peri_real *p, void *factor_use);
+#endif
+
+/* ---- 7  line search, minimisation -------------------------------------------------------------------------------- */
+
+/* What a search asks at a share of the step: *slope, the gradient there times the step; *energy, unless NULL. Returns 0
+   where they are not defined (inverted, outside, not finite), which makes the search shrink. */
+typedef int peri_trial(double share, double *slope, double *energy, void *context);
+
+/* A function along a step: begins at share 0 with slope (< 0) and energy. */
+typedef struct peri_line {
+    peri_trial *trial;
+    void *context;
+    double slope, energy;
+} peri_line;
+
+/* How to search: peri_default_search(), then change what you need. */
+typedef struct peri_search {
+    uint32_t cookie;        /* set by peri_default_search */
+    double first;           /* share that is tried first, > 0; 1 */
+    double accept;          /* a share is taken when slope there <= accept |slope at 0|, 0 to 2; 0.9. Above 1 steps that
+                               overshoot pass, which L-BFGS repairs and plain iterations do not */
+    int energetic;          /* 1: and when the energy did not rise by more than noise; 0: slopes alone, which carry
+                               through where rounding hides what a step gains, as with floats; 0 */
+    double noise;           /* of the energy, in its unit; 0 */
+    int max_trials;         /* 1 to 100; 14 */
+} peri_search;
+
+/* Defaults as written above. */
+PERI_DEF peri_search peri_default_search(void);
+
+/* Finds a share of a step that goes down, by slopes: takes the first share if it can, else shrinks to where the secant
+   of the slopes has its zero, within 0.1 to 0.6 of the last share (0.5 where the energy alone is against it, 0.25 where
+   the trial is not defined). The last trial was at the share returned. Errors, *share 0: ARGUMENT, VALUE (the line does
+   not go down, or is not finite), CONVERGENCE (no share will do within max_trials). report: iterations are trials,
+   residual is |slope| there over that at 0. */
+PERI_DEF peri_result peri_line_search(const peri_line *line, double *share, const peri_search *o, peri_report *report,
+                                      peri_error *err);
+
+/* The gradient of what is to be minimised (x, g: n) and, unless NULL, its energy. Returns 0 where it is not defined. */
+typedef int peri_gradient(const peri_real *x, peri_real *g, double *energy, void *context);
+
+typedef struct peri_objective {
+    int n;
+    peri_gradient *gradient;
+    void *context;
+    int memory;             /* steps that L-BFGS remembers, 0 to PERI_LBFGS_MAX; 5 is good */
+    peri_search search;
+} peri_objective;
+
+/* Reals of work that peri_minimise takes: (2 memory + 5) n; 0 when that is no size. */
+PERI_DEF size_t peri_minimise_work(int n, int memory);
+
+/* Minimises from the first guess in x (in and out, n) by L-BFGS over o->precondition, with a line search. Ends when no
+   entry of the correction is larger than o->tolerance, or the gradient is zero. Nothing is allocated. Errors: ARGUMENT,
+   VALUE (the gradient at the first guess is not defined or not finite); CONVERGENCE (max_iterations, or no share of the
+   correction goes down) and PIVOT (the preconditioner is not positive), x the last accepted. */
+PERI_DEF peri_result peri_minimise(const peri_objective *f, peri_real *x, peri_real *work, const peri_iteration *o,
+                                   peri_report *report, peri_error *err);
+
+/* ---- 8  Anderson acceleration ------------------------------------------------------------------------------------ */
+#define PERI_ANDERSON_MAX 8
+
+/* Of a fixed-point iteration x <- G(x), as local/global: from the last m + 1 images the combination whose changes
+   G(x) - x cancel best (Anderson 1965, type II; Walker & Ni 2011). On a linear G it is GMRES (Walker & Ni, theorem
+   2.2). Vectors belong to the caller: 2 (m + 1) n reals. */
+typedef struct peri_anderson {
+    int n, m, used, head;
+    int started;                /* an image is there */
+    int resets;                 /* how often the memory was dropped */
+    double norm;                /* |G(x) - x| of the last push */
+    peri_real *image, *change;  /* n each: G(x) and G(x) - x of the last push */
+    peri_real *images, *changes; /* m vectors of n each: their differences */
+    double gram[PERI_ANDERSON_MAX][PERI_ANDERSON_MAX], right[PERI_ANDERSON_MAX];
+} peri_anderson;
+
+/* Starts with no memory. m at most PERI_ANDERSON_MAX; 5 is good; m = 0: the plain iteration. */
+PERI_DEF void peri_anderson_begin(peri_anderson *q, int n, int m, peri_real *vectors);
+
+/* Tells of the image gx = G(x). Returns 1; or 0 when x, which came out of the acceleration, was worse than what went
+   before (|G(x) - x| has doubled, or is not finite): then the memory is dropped, and the next apply gives the last good
+   image, as if the plain iteration had been made. x, gx: n, in. */
+PERI_DEF int peri_anderson_push(peri_anderson *q, const peri_parallel *par, const peri_real *x, const peri_real *gx);
+
+/* x (n, out) is where to evaluate G next; gx of the last push may be given as x. */
+PERI_DEF void peri_anderson_apply(const peri_anderson *q, const peri_parallel *par, peri_real *x);
 
 #endif /* PERI_SOLVER_H */
 /* Stop here if you only want the API. */
@@ -428,45 +666,112 @@ void peri_parallel_for(const peri_parallel *par, int count, int grain, peri_task
 #define PERI__GRAIN 256 /* rows in a piece of a loop over a matrix */
 #define PERI__RUN 4096  /* numbers in a piece of a loop over vectors, and the shortest block of a dot product */
 
-typedef struct peri__dot_task {
-    const peri_real *a, *b;
-    int n, block;
-    double sum[PERI__BLOCKS];
-} peri__dot_task;
-
 /* Four interleaved sums hide the latency of the addition; their order is as fixed as that of one. */
-static void peri__dot_blocks(int begin, int end, void *context) {
-    peri__dot_task *t = (peri__dot_task *)context;
+static double peri__dot_run(int n, const peri_real *a, const peri_real *b) {
+    double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+    int i;
+    for (i = 0; i + 3 < n; i += 4) {
+        s0 += (double)a[i] * (double)b[i];
+        s1 += (double)a[i + 1] * (double)b[i + 1];
+        s2 += (double)a[i + 2] * (double)b[i + 2];
+        s3 += (double)a[i + 3] * (double)b[i + 3];
+    }
+    for (; i < n; i++) s0 += (double)a[i] * (double)b[i];
+    return (s0 + s1) + (s2 + s3);
+}
+
+/* y = keep y + factor x. Runs of sixteen: a length that compilers know is vectorised at plain -O2, too. */
+static void peri__combine_run(int n, double keep, peri_real *PERI__RESTRICT y, double factor,
+                              const peri_real *PERI__RESTRICT x) {
+    int i, k;
+    for (i = 0; i + 15 < n; i += 16)
+        for (k = 0; k < 16; k++) y[i + k] = (peri_real)(keep * (double)y[i + k] + factor * (double)x[i + k]);
+    for (; i < n; i++) y[i] = (peri_real)(keep * (double)y[i] + factor * (double)x[i]);
+}
+
+/* A pass over vectors: y = keep y + factor x where there is an x, then sums of y and z, y and y, z and z where there
+   is a z. A block is still near when its sum is taken. */
+typedef struct peri__vectors {
+    int n, block, squares;
+    double keep, factor;
+    const peri_real *x, *z;
+    peri_real *y;
+    double sum[PERI__BLOCKS], square[2][PERI__BLOCKS];
+} peri__vectors;
+
+static void peri__vectors_run(int begin, int end, void *context) {
+    peri__vectors *t = (peri__vectors *)context;
     int block;
     for (block = begin; block < end; block++) {
-        const peri_real *a = t->a + (ptrdiff_t)block * t->block, *b = t->b + (ptrdiff_t)block * t->block;
-        ptrdiff_t left = t->n - (ptrdiff_t)block * t->block;
-        int i, n = left < t->block ? (int)left : t->block;
-        double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-        for (i = 0; i + 3 < n; i += 4) {
-            s0 += (double)a[i] * (double)b[i];
-            s1 += (double)a[i + 1] * (double)b[i + 1];
-            s2 += (double)a[i + 2] * (double)b[i + 2];
-            s3 += (double)a[i + 3] * (double)b[i + 3];
-        }
-        for (; i < n; i++) s0 += (double)a[i] * (double)b[i];
-        t->sum[block] = (s0 + s1) + (s2 + s3);
+        ptrdiff_t at = (ptrdiff_t)block * t->block, left = t->n - at;
+        int n = left < t->block ? (int)left : t->block;
+        if (t->x) peri__combine_run(n, t->keep, t->y + at, t->factor, t->x + at);
+        if (t->z) t->sum[block] = peri__dot_run(n, t->y + at, t->z + at);
+        if (!t->squares) continue;
+        t->square[0][block] = peri__dot_run(n, t->y + at, t->y + at);
+        t->square[1][block] = peri__dot_run(n, t->z + at, t->z + at);
     }
 }
 
-double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
-    peri__dot_task t;
-    double sum = 0;
-    int block, blocks;
-    if (n <= 0) return 0;
-    t.a = a;
-    t.b = b;
+/* Numbers, or rows, in each of at most PERI__BLOCKS blocks, which depend on n alone. */
+static int peri__block(int n, int least) {
+    int block = (n - 1) / PERI__BLOCKS + 1;
+    return block < least ? least : block;
+}
+
+static double peri__sum_blocks(const double *sum, int blocks) {
+    double all = 0;
+    int block;
+    for (block = 0; block < blocks; block++) all += sum[block];
+    return all;
+}
+
+static double peri__vectors_pass(const peri_parallel *par, peri__vectors *t) {
+    int blocks;
+    if (t->n <= 0) return 0;
+    t->block = peri__block(t->n, PERI__RUN);
+    blocks = (t->n - 1) / t->block + 1;
+    peri_parallel_for(par, blocks, 1, peri__vectors_run, t);
+    return t->z ? peri__sum_blocks(t->sum, blocks) : 0;
+}
+
+/* y = keep y + factor x; returns y.z of the new y, in one pass. z NULL: no sum; z may be y. */
+static double peri__combine_dot(const peri_parallel *par, int n, double keep, peri_real *y, double factor,
+                                const peri_real *x, const peri_real *z) {
+    peri__vectors t;
     t.n = n;
-    t.block = (n - 1) / PERI__BLOCKS + 1;
-    if (t.block < PERI__RUN) t.block = PERI__RUN;
-    blocks = (n - 1) / t.block + 1;
-    peri_parallel_for(par, blocks, 1, peri__dot_blocks, &t);
-    for (block = 0; block < blocks; block++) sum += t.sum[block];
+    t.squares = 0;
+    t.keep = keep;
+    t.factor = factor;
+    t.x = x;
+    t.y = y;
+    t.z = z;
+    return peri__vectors_pass(par, &t);
+}
+
+double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
+    return peri__combine_dot(par, n, 1, (peri_real *)(uintptr_t)a, 0, NULL, b);
+}
+
+/* Returns a.b with a.a and b.b, in one pass. */
+static double peri__dot_squares(const peri_parallel *par, int n, const peri_real *a, const peri_real *b,
+                                double square[2]) {
+    peri__vectors t;
+    double sum;
+    t.n = n;
+    t.squares = 1;
+    t.keep = 1;
+    t.factor = 0;
+    t.x = NULL;
+    t.y = (peri_real *)(uintptr_t)a; /* only read without x */
+    t.z = b;
+    square[0] = square[1] = 0;
+    sum = peri__vectors_pass(par, &t);
+    if (n > 0) {
+        int blocks = (n - 1) / t.block + 1;
+        square[0] = peri__sum_blocks(t.square[0], blocks);
+        square[1] = peri__sum_blocks(t.square[1], blocks);
+    }
     return sum;
 }
 
@@ -774,12 +1079,50 @@ static void peri__row3(const peri_matrix *a, const peri_real *PERI__RESTRICT x, 
     y[2] = y2;
 }
 
+static double peri__row1(const peri_matrix *a, int rhs, const peri_real *PERI__RESTRICT x, int i) {
+    double y = (double)a->diagonal[i] * (double)x[rhs * (ptrdiff_t)i];
+    int k, end = a->row[i + 1];
+    for (k = a->row[i]; k < end; k++) y += (double)a->value[k] * (double)x[rhs * (ptrdiff_t)a->col[k]];
+    return y;
+}
+
+static void peri__row(const peri_matrix *a, int rhs, const peri_real *x, int i, double y[3]) {
+    int c;
+    if (rhs == 3) {
+        peri__row3(a, x, i, y);
+        return;
+    }
+    for (c = 0; c < rhs; c++) y[c] = peri__row1(a, rhs, x + c, i);
+}
+
+/* A pass over the rows of a matrix; each of the functions below uses some of it. */
 typedef struct peri__sweep {
     const peri_matrix *a;
-    const peri_real *in;
+    const peri_real *in, *b;
     peri_real *out, *residual, *step;
     double keep, add; /* step = keep step + add residual */
+    int rhs, block;
+    double sum[PERI__BLOCKS], scaled[PERI__BLOCKS];
 } peri__sweep;
+
+static void peri__sweep_begin(peri__sweep *t, const peri_matrix *a, int rhs) {
+    memset(t, 0, offsetof(peri__sweep, sum));
+    t->a = a;
+    t->rhs = rhs;
+    t->block = peri__block(a->n, PERI__GRAIN);
+}
+
+/* Runs task over the blocks, as which its sums are then added up in order. */
+static void peri__sweep_blocks(const peri_parallel *par, peri__sweep *t, peri_task *task, double *sum, double *scaled) {
+    int blocks = t->a->n > 0 ? (t->a->n - 1) / t->block + 1 : 0;
+    peri_parallel_for(par, blocks, 1, task, t);
+    if (sum) *sum = peri__sum_blocks(t->sum, blocks);
+    if (scaled) *scaled = peri__sum_blocks(t->scaled, blocks);
+}
+
+static int peri__sweep_end(const peri__sweep *t, int block) {
+    return t->a->n - block * t->block > t->block ? (block + 1) * t->block : t->a->n;
+}
 
 static void peri__multiply_rows(int begin, int end, void *context) {
     peri__sweep *t = (peri__sweep *)context;
@@ -795,8 +1138,7 @@ static void peri__multiply_rows(int begin, int end, void *context) {
 void peri_matrix_multiply3(const peri_matrix *a, const peri_parallel *par, const peri_real *x, peri_real *y) {
     peri__sweep t;
     PERI_ASSERT(a && (a->n == 0 || x != y));
-    memset(&t, 0, sizeof t);
-    t.a = a;
+    peri__sweep_begin(&t, a, 3);
     t.in = x;
     t.out = y;
     peri_parallel_for(par, a->n, PERI__GRAIN, peri__multiply_rows, &t);
@@ -806,73 +1148,958 @@ static void peri__jacobi_rows(int begin, int end, void *context) {
     peri__sweep *t = (peri__sweep *)context;
     int i, c;
     for (i = begin; i < end; i++) {
-        const peri_real *in = t->in + 3 * (ptrdiff_t)i;
-        peri_real *out = t->out + 3 * (ptrdiff_t)i;
+        const peri_real *in = t->in + t->rhs * (ptrdiff_t)i;
+        peri_real *out = t->out + t->rhs * (ptrdiff_t)i;
         double inverse = 1 / (double)t->a->diagonal[i];
-        for (c = 0; c < 3; c++) out[c] = (peri_real)((double)in[c] * inverse);
+        for (c = 0; c < t->rhs; c++) out[c] = (peri_real)((double)in[c] * inverse);
     }
 }
 
-void peri_jacobi3(const peri_matrix *a, const peri_parallel *par, const peri_real *b, peri_real *x) {
+static void peri__jacobi(const peri_matrix *a, int rhs, const peri_parallel *par, const peri_real *b, peri_real *x) {
     peri__sweep t;
-    PERI_ASSERT(a);
-    memset(&t, 0, sizeof t);
-    t.a = a;
+    peri__sweep_begin(&t, a, rhs);
     t.in = b;
     t.out = x;
     peri_parallel_for(par, a->n, PERI__GRAIN, peri__jacobi_rows, &t);
+}
+
+void peri_jacobi3(const peri_matrix *a, const peri_parallel *par, const peri_real *b, peri_real *x) {
+    PERI_ASSERT(a);
+    peri__jacobi(a, 3, par, b, x);
+}
+
+/* -- Chebyshev's recurrence: Saad, "Iterative Methods for Sparse Linear Systems", algorithm 12.1, for D^-1 A: with
+   theta and delta the middle and half the width of [low, high], rho' = 1 / (2 theta/delta - rho), step' = rho' rho step
+   + (2 rho'/delta) residual. Written with f = 1 / (2 theta - delta rho), so that delta = 0 is
+   plain damped Jacobi. -- */
+
+typedef struct peri__recurrence {
+    double theta, delta, rho, keep, add;
+} peri__recurrence;
+
+static void peri__recurrence_begin(peri__recurrence *c, double low, double high) {
+    c->theta = 0.5 * (high + low);
+    c->delta = 0.5 * (high - low);
+    c->rho = c->delta / c->theta;
+    c->keep = 0;
+    c->add = 1 / c->theta;
+}
+
+static void peri__recurrence_next(peri__recurrence *c) {
+    double f = 1 / (2 * c->theta - c->delta * c->rho);
+    c->keep = c->delta * f * c->rho;
+    c->add = 2 * f;
+    c->rho = c->delta * f;
 }
 
 static void peri__chebyshev_residual(int begin, int end, void *context) {
     peri__sweep *t = (peri__sweep *)context;
     int i, c;
     for (i = begin; i < end; i++) {
-        peri_real *r = t->residual + 3 * (ptrdiff_t)i;
+        peri_real *r = t->residual + t->rhs * (ptrdiff_t)i;
         double y[3], inverse = 1 / (double)t->a->diagonal[i];
-        peri__row3(t->a, t->step, i, y);
-        for (c = 0; c < 3; c++) r[c] = (peri_real)((double)r[c] - y[c] * inverse);
+        peri__row(t->a, t->rhs, t->step, i, y);
+        for (c = 0; c < t->rhs; c++) r[c] = (peri_real)((double)r[c] - y[c] * inverse);
     }
 }
 
 static void peri__chebyshev_step(int begin, int end, void *context) {
     peri__sweep *t = (peri__sweep *)context;
     ptrdiff_t i;
-    for (i = 3 * (ptrdiff_t)begin; i < 3 * (ptrdiff_t)end; i++) {
+    for (i = t->rhs * (ptrdiff_t)begin; i < t->rhs * (ptrdiff_t)end; i++) {
         t->step[i] = (peri_real)(t->keep * (double)t->step[i] + t->add * (double)t->residual[i]);
         t->out[i] += t->step[i];
     }
 }
 
-/* Saad, "Iterative Methods for Sparse Linear Systems", algorithm 12.1, for D^-1 A: with theta and delta the middle and
-   half the width of [low, high], rho' = 1 / (2 theta/delta - rho), step' = rho' rho step + (2 rho'/delta) residual.
-   Written with f = 1 / (2 theta - delta rho), so that delta = 0 is plain damped Jacobi. */
-void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps, double low, double high,
-                     const peri_real *b, peri_real *x, peri_real *work) {
-    double theta = 0.5 * (high + low), delta = 0.5 * (high - low), rho = delta / theta;
+static void peri__polynomial(const peri_polynomial *q, const peri_real *b, peri_real *x) {
+    size_t n = (size_t)q->rhs * (size_t)q->a->n;
+    peri__recurrence c;
     peri__sweep t;
     int sweep;
+    peri__recurrence_begin(&c, q->low, q->high);
+    peri__sweep_begin(&t, q->a, q->rhs);
+    t.residual = q->work;
+    t.step = q->work + n;
+    t.out = x;
+    peri__jacobi(q->a, q->rhs, q->parallel, b, t.residual);
+    memset(x, 0, n * sizeof *x);
+    memset(t.step, 0, n * sizeof *x);
+    for (sweep = 0; sweep < q->sweeps; sweep++) {
+        if (sweep > 0) {
+            peri_parallel_for(q->parallel, q->a->n, PERI__GRAIN, peri__chebyshev_residual, &t);
+            peri__recurrence_next(&c);
+        }
+        t.keep = c.keep;
+        t.add = c.add;
+        peri_parallel_for(q->parallel, q->a->n, PERI__GRAIN, peri__chebyshev_step, &t);
+    }
+}
+
+void peri_chebyshev3(const peri_matrix *a, const peri_parallel *par, int sweeps, double low, double high,
+                     const peri_real *b, peri_real *x, peri_real *work) {
+    peri_polynomial q;
     PERI_ASSERT(a && sweeps >= 1 && low >= 0 && high >= low && high > 0);
     if (a->n <= 0) return;
-    t.a = a;
-    t.in = b;
-    t.residual = t.out = work;
-    t.step = work + 3 * (ptrdiff_t)a->n;
-    peri_parallel_for(par, a->n, PERI__GRAIN, peri__jacobi_rows, &t);
-    t.out = x;
-    memset(x, 0, 3 * (size_t)a->n * sizeof *x);
-    memset(t.step, 0, 3 * (size_t)a->n * sizeof *x);
-    t.keep = 0;
-    t.add = 1 / theta;
-    for (sweep = 0; sweep < sweeps; sweep++) {
-        double f = 1 / (2 * theta - delta * rho);
-        if (sweep > 0) {
-            peri_parallel_for(par, a->n, PERI__GRAIN, peri__chebyshev_residual, &t);
-            t.keep = delta * f * rho;
-            t.add = 2 * f;
-            rho = delta * f;
+    q.a = a;
+    q.rhs = 3;
+    q.sweeps = sweeps;
+    q.low = low;
+    q.high = high;
+    q.parallel = par;
+    q.work = work;
+    peri__polynomial(&q, b, x);
+}
+
+void peri_polynomial_apply(const peri_real *g, peri_real *p, void *polynomial) {
+    const peri_polynomial *q = (const peri_polynomial *)polynomial;
+    PERI_ASSERT(q && q->a && q->rhs >= 1 && q->rhs <= 3 && q->sweeps >= 1 && q->low >= 0 && q->high >= q->low);
+    PERI_ASSERT(q->high > 0);
+    if (q->a->n > 0) peri__polynomial(q, g, p);
+}
+
+/* -- what the solvers have in common -- */
+
+#define PERI__SOLVER_COOKIE 0x70657300u
+
+peri_iteration peri_default_iteration(void) {
+    peri_iteration o;
+    memset(&o, 0, sizeof o);
+    o.cookie = PERI__SOLVER_COOKIE + 1;
+    o.tolerance = sizeof(peri_real) > 4 ? 1e-8 : 1e-4;
+    o.max_iterations = 1000;
+    return o;
+}
+
+size_t peri_solve_work(int n, int rhs) {
+    size_t reals, bytes;
+    if (n < 0 || rhs < 0 || !peri__mul_size((size_t)n, 4 * (size_t)rhs, &reals)) return 0;
+    return peri__mul_size(reals, sizeof(peri_real), &bytes) ? reals : 0;
+}
+
+/* A call in progress. */
+typedef struct peri__linear {
+    const char *name;
+    const peri_matrix *a;
+    int rhs, n;             /* n: numbers in a vector, rhs times rows */
+    const peri_real *b;
+    peri_real *x, *work;
+    const peri_iteration *o;
+    peri_report *report;
+    peri_error *err;
+    double scale;           /* |b| */
+} peri__linear;
+
+/* Rows and columns within bounds: what a loop over the matrix needs to be safe, and what finds typing errors. */
+static peri_result peri__check_rows(const char *name, const peri_matrix *a, peri_error *err) {
+    int i, k;
+    if (!a) return peri__fail(err, PERI_ERROR_ARGUMENT, "%s: the matrix is NULL", name);
+    if (a->n < 0) return peri__fail(err, PERI_ERROR_INDEX, "%s: n is %d; it must not be negative", name, a->n);
+    if (a->n == 0) return PERI_OK;
+    if (!a->row) return peri__fail(err, PERI_ERROR_ARGUMENT, "%s: row is NULL; it must hold n + 1 numbers", name);
+    if (a->row[0] != 0) return peri__fail(err, PERI_ERROR_INDEX, "%s: row[0] is %d; it must be 0", name, a->row[0]);
+    for (i = 0; i < a->n; i++)
+        if (a->row[i + 1] < a->row[i])
+            return peri__fail(err, PERI_ERROR_INDEX, "%s: row %d ends at %d, before it begins at %d", name, i,
+                              a->row[i + 1], a->row[i]);
+    if (!a->col && a->row[a->n] > 0)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "%s: col is NULL; it must hold row[n] numbers", name);
+    for (i = 0; i < a->n; i++)
+        for (k = a->row[i]; k < a->row[i + 1]; k++) {
+            int j = a->col[k];
+            if (j < 0 || j >= a->n || j == i || (k > a->row[i] && j <= a->col[k - 1]))
+                return peri__fail(err, PERI_ERROR_INDEX,
+                                  "%s: row %d stores column %d; columns must lie in [0, %d), ascend, and leave the "
+                                  "diagonal out", name, i, j, a->n);
         }
-        peri_parallel_for(par, a->n, PERI__GRAIN, peri__chebyshev_step, &t);
+    return PERI_OK;
+}
+
+static peri_result peri__check_values(const char *name, const peri_matrix *a, peri_error *err) {
+    int i, k;
+    if (a->n == 0) return PERI_OK;
+    if (!a->diagonal || (!a->value && a->row[a->n] > 0))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "%s: the matrix has no %s", name,
+                          a->diagonal ? "value" : "diagonal");
+    for (i = 0; i < a->n; i++) {
+        double d = (double)a->diagonal[i];
+        if (!peri__finite(d)) return peri__fail(err, PERI_ERROR_VALUE, "%s: diagonal[%d] is not finite", name, i);
+        if (!(d > 0))
+            return peri__fail(err, PERI_ERROR_PIVOT,
+                              "%s: diagonal[%d] is %g; a positive definite matrix has a positive diagonal", name, i, d);
+        for (k = a->row[i]; k < a->row[i + 1]; k++)
+            if (!peri__finite((double)a->value[k]))
+                return peri__fail(err, PERI_ERROR_VALUE, "%s: value[%d], in row %d, is not finite", name, k, i);
     }
+    return PERI_OK;
+}
+
+/* The norm in double, and refusal of what is not finite, or whose squares leave the range of double. */
+static peri_result peri__check_vector(const char *name, const char *what, int n, const peri_real *x, double least,
+                                      double *norm, peri_error *err) {
+    double largest = 0;
+    int i;
+    if (!x && n > 0) return peri__fail(err, PERI_ERROR_ARGUMENT, "%s: %s is NULL", name, what);
+    for (i = 0; i < n; i++) {
+        if (!peri__finite((double)x[i]))
+            return peri__fail(err, PERI_ERROR_VALUE, "%s: %s[%d] is not finite", name, what, i);
+        if (fabs((double)x[i]) > largest) largest = fabs((double)x[i]);
+    }
+    if (largest > 1e140 || (largest > 0 && largest < least))
+        return peri__fail(err, PERI_ERROR_VALUE, "%s: the largest entry of %s is %g; scale it into 1e-140 to 1e140",
+                          name, what, largest);
+    *norm = sqrt(peri_dot(NULL, n, x, x));
+    return PERI_OK;
+}
+
+static peri_result peri__check_iteration(const char *name, const peri_iteration *o, peri_error *err) {
+    if (!o || o->cookie != PERI__SOLVER_COOKIE + 1)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "%s: the options %s", name,
+                          o ? "do not come from peri_default_iteration()" : "are NULL; pass peri_default_iteration()");
+    if (!(o->tolerance >= 0) || !peri__finite(o->tolerance))
+        return peri__fail(err, PERI_ERROR_VALUE, "%s: tolerance is %g; it must be finite and not negative", name,
+                          o->tolerance);
+    if (o->max_iterations < 0)
+        return peri__fail(err, PERI_ERROR_VALUE, "%s: max_iterations is %d; it must not be negative", name,
+                          o->max_iterations);
+    return PERI_OK;
+}
+
+/* Everything that can be refused before x is touched. */
+static peri_result peri__linear_begin(peri__linear *s) {
+    double ignored;
+    peri_result bad;
+    memset(s->report, 0, sizeof *s->report);
+    bad = peri__check_iteration(s->name, s->o, s->err);
+    if (!bad) bad = peri__check_rows(s->name, s->a, s->err);
+    if (bad) return bad;
+    if (s->rhs < 1 || s->rhs > 3)
+        return peri__fail(s->err, PERI_ERROR_ARGUMENT, "%s: rhs is %d; it must be 1 to 3", s->name, s->rhs);
+    if (s->a->n > 0x7fffffff / s->rhs)
+        return peri__fail(s->err, PERI_ERROR_LIMIT, "%s: %d rows times %d right-hand sides pass 2^31", s->name, s->a->n,
+                          s->rhs);
+    s->n = s->rhs * s->a->n;
+    if (s->n > 0 && !s->work) return peri__fail(s->err, PERI_ERROR_ARGUMENT, "%s: work is NULL", s->name);
+    bad = peri__check_values(s->name, s->a, s->err);
+    if (!bad) bad = peri__check_vector(s->name, "b", s->n, s->b, 1e-140, &s->scale, s->err);
+    if (!bad) bad = peri__check_vector(s->name, "x", s->n, s->x, 0, &ignored, s->err);
+    return bad;
+}
+
+static peri_result peri__stalled(const peri__linear *s, const char *why) {
+    return peri__fail(s->err, PERI_ERROR_CONVERGENCE,
+                      "%s: after %d iterations the residual is %.3g of b, not %.3g: %s", s->name, s->report->iterations,
+                      s->report->residual, s->o->tolerance, why);
+}
+
+static const char *const peri__more = "raise max_iterations or tolerance";
+
+static void peri__tell(const peri__linear *s, double residual) {
+    if (s->o->watch) s->o->watch(s->report->iterations, residual, s->o->user);
+}
+
+/* -- conjugate gradients -- */
+
+static void peri__cg_residual_rows(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    int block, i, c;
+    for (block = begin; block < end; block++) {
+        double sum = 0;
+        for (i = block * t->block; i < peri__sweep_end(t, block); i++) {
+            ptrdiff_t at = t->rhs * (ptrdiff_t)i;
+            double y[3];
+            peri__row(t->a, t->rhs, t->in, i, y);
+            for (c = 0; c < t->rhs; c++) {
+                double r = (double)t->b[at + c] - y[c];
+                t->out[at + c] = (peri_real)r;
+                sum += r * r;
+            }
+        }
+        t->sum[block] = sum;
+    }
+}
+
+/* out = b - A x; returns its norm. */
+static double peri__cg_residual(const peri__linear *s, peri_real *out) {
+    peri__sweep t;
+    double sum;
+    peri__sweep_begin(&t, s->a, s->rhs);
+    t.in = s->x;
+    t.b = s->b;
+    t.out = out;
+    peri__sweep_blocks(s->o->parallel, &t, peri__cg_residual_rows, &sum, NULL);
+    s->report->evaluations++;
+    return sqrt(sum);
+}
+
+static void peri__cg_product_rows(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    int block, i, c;
+    for (block = begin; block < end; block++) {
+        double sum = 0;
+        for (i = block * t->block; i < peri__sweep_end(t, block); i++) {
+            ptrdiff_t at = t->rhs * (ptrdiff_t)i;
+            double y[3];
+            peri__row(t->a, t->rhs, t->in, i, y);
+            for (c = 0; c < t->rhs; c++) {
+                t->out[at + c] = (peri_real)y[c];
+                sum += y[c] * (double)t->in[at + c];
+            }
+        }
+        t->sum[block] = sum;
+    }
+}
+
+/* q = A p; returns p.q. */
+static double peri__cg_product(const peri__linear *s, const peri_real *p, peri_real *q) {
+    peri__sweep t;
+    double sum;
+    peri__sweep_begin(&t, s->a, s->rhs);
+    t.in = p;
+    t.out = q;
+    peri__sweep_blocks(s->o->parallel, &t, peri__cg_product_rows, &sum, NULL);
+    s->report->evaluations++;
+    return sum;
+}
+
+/* z = P^-1 r; returns z.r. */
+static double peri__preconditioned(const peri__linear *s, const peri_real *r, peri_real *z) {
+    if (s->o->precondition)
+        s->o->precondition(r, z, s->o->context);
+    else
+        peri__jacobi(s->a, s->rhs, s->o->parallel, r, z);
+    return peri_dot(s->o->parallel, s->n, z, r);
+}
+
+static peri_result peri__indefinite(const peri__linear *s, const char *what, double value) {
+    return peri__fail(s->err, PERI_ERROR_PIVOT,
+                      "%s: in iteration %d %s is %g, not positive: the %s is not symmetric positive definite", s->name,
+                      s->report->iterations + 1, what, value, what[0] == 'p' ? "matrix" : "preconditioner");
+}
+
+/* The coefficients of a run: they are those of Lanczos. */
+typedef struct peri__lanczos {
+    int count;
+    double alpha[64], beta[64];
+} peri__lanczos;
+
+/* Iterates from r until the r carried along has the norm `target`, or the cap. x NULL: only for the coefficients. */
+static peri_result peri__cg_run(peri__linear *s, double target, peri__lanczos *record) {
+    const peri_parallel *par = s->o->parallel;
+    peri_real *r = s->work, *z = r + s->n, *p = z + s->n, *q = p + s->n;
+    double rz = peri__preconditioned(s, r, z), rr, pq, alpha, beta;
+    memcpy(p, z, (size_t)s->n * sizeof *p);
+    while (s->report->iterations < s->o->max_iterations) {
+        if (!(rz > 0) || !peri__finite(rz)) return peri__indefinite(s, "r.P^-1 r", rz);
+        pq = peri__cg_product(s, p, q);
+        alpha = rz / pq;
+        if (!(pq > 0) || !peri__finite(pq) || !peri__finite(alpha)) return peri__indefinite(s, "p.A p", pq);
+        if (s->x) peri__combine_dot(par, s->n, 1, s->x, alpha, p, NULL);
+        rr = peri__combine_dot(par, s->n, 1, r, -alpha, q, r);
+        s->report->iterations++;
+        if (s->x) peri__tell(s, sqrt(rr) / s->scale);
+        if (record) record->alpha[record->count] = alpha;
+        if (!(sqrt(rr) > target)) {
+            if (record) record->beta[record->count++] = 0;
+            break;
+        }
+        beta = peri__preconditioned(s, r, z) / rz;
+        rz *= beta;
+        if (s->o->flexible) beta = -alpha * peri_dot(par, s->n, z, q) / (rz / beta); /* Polak-Ribiere */
+        if (record) record->beta[record->count++] = beta;
+        peri__combine_dot(par, s->n, beta, p, 1, z, NULL);
+    }
+    return PERI_OK;
+}
+
+/* Runs until the true residual is small enough; a run that does not halve it was the last. */
+static peri_result peri__cg(peri__linear *s) {
+    double target = s->o->tolerance * s->scale, last = 0, norm, low;
+    peri_result bad = PERI_OK;
+    int run;
+    for (run = 0;; run++) {
+        norm = peri__cg_residual(s, s->work);
+        s->report->residual = norm / s->scale;
+        if (!peri__finite(norm)) return peri__indefinite(s, "p.A p", norm);
+        if (norm <= target) return peri__succeed(s->err);
+        if (bad) return bad;
+        if (s->report->iterations >= s->o->max_iterations) return peri__stalled(s, peri__more);
+        if (run > 0 && norm > 0.5 * last)
+            return peri__stalled(s, "rounding allows no better: raise tolerance, or compile with PERI_DOUBLE");
+        if (run > 0) s->report->restarts++;
+        last = norm;
+        /* no run can tell more than rounding lets it */
+        low = 1e-2 * norm * (sizeof(peri_real) > 4 ? 1.1e-16 : 6e-8);
+        bad = peri__cg_run(s, low > target ? low : target, NULL);
+    }
+}
+
+/* b = 0 is solved by 0 to any tolerance. */
+static peri_result peri__linear_run(peri__linear *s, peri_result (*run)(peri__linear *s)) {
+    peri_report none;
+    peri_result result;
+    if (!s->report) s->report = &none;
+    result = peri__linear_begin(s);
+    if (!result && s->n > 0 && s->scale > 0) result = run(s);
+    else if (!result) {
+        if (s->n > 0) memset(s->x, 0, (size_t)s->n * sizeof *s->x);
+        result = peri__succeed(s->err);
+    }
+    s->report->result = result;
+    return result;
+}
+
+static void peri__linear_set(peri__linear *s, const char *name, const peri_matrix *a, int rhs, const peri_real *b) {
+    memset(s, 0, sizeof *s);
+    s->name = name;
+    s->a = a;
+    s->rhs = rhs;
+    s->b = b;
+}
+
+peri_result peri_solve_cg(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x, peri_real *work,
+                          const peri_iteration *o, peri_report *report, peri_error *err) {
+    peri__linear s;
+    peri__linear_set(&s, "cg", a, rhs, b);
+    s.x = x;
+    s.work = work;
+    s.o = o;
+    s.report = report;
+    s.err = err;
+    return peri__linear_run(&s, peri__cg);
+}
+
+/* -- the interval of the eigenvalues of D^-1 A -- */
+
+static void peri__gershgorin(const peri_matrix *a, peri_spectrum *s) {
+    double largest = 0, sum;
+    int i, k;
+    for (i = 0; i < a->n; i++) {
+        for (sum = 0, k = a->row[i]; k < a->row[i + 1]; k++) sum += fabs((double)a->value[k]);
+        sum /= (double)a->diagonal[i];
+        if (sum > largest) largest = sum;
+    }
+    s->bound_low = largest < 1 ? 1 - largest : 0;
+    s->bound_high = 1 + largest;
+}
+
+/* How many eigenvalues of the tridiagonal matrix (d, e squared) lie below x: Sturm (Golub & Van Loan, section 8.4). */
+static int peri__sturm(int n, const double *d, const double *e2, double x) {
+    double q = 1;
+    int i, below = 0;
+    for (i = 0; i < n; i++) {
+        q = d[i] - x - (i > 0 ? e2[i - 1] / q : 0);
+        if (q == 0) q = 1e-300;
+        below += q < 0;
+    }
+    return below;
+}
+
+/* The smallest (last 0) or largest eigenvalue, by bisection from [0, high]. */
+static double peri__spectrum_extreme(int n, const double *d, const double *e2, double high, int last) {
+    double low = 0;
+    int i;
+    for (i = 0; i < 60; i++) {
+        double middle = 0.5 * (low + high);
+        if (peri__sturm(n, d, e2, middle) > (last ? n - 1 : 0)) high = middle; else low = middle;
+    }
+    return 0.5 * (low + high);
+}
+
+/* T from the coefficients of CG: Saad, (6.103). */
+static void peri__ritz(const peri__lanczos *c, peri_spectrum *s) {
+    double d[64], e2[64], high = 2 * s->bound_high;
+    int k;
+    for (k = 0; k < c->count; k++) {
+        d[k] = 1 / c->alpha[k] + (k > 0 ? c->beta[k - 1] / c->alpha[k - 1] : 0);
+        e2[k] = c->beta[k] / (c->alpha[k] * c->alpha[k]);
+    }
+    s->low = 0.95 * peri__spectrum_extreme(c->count, d, e2, high, 0);
+    s->high = 1.05 * peri__spectrum_extreme(c->count, d, e2, high, 1);
+}
+
+/* Keeps the estimate within what is certain, and in order. */
+static void peri__spectrum_clamp(peri_spectrum *s) {
+    if (!(s->high < s->bound_high)) s->high = s->bound_high;
+    if (!(s->low > s->bound_low)) s->low = s->bound_low;
+    if (!(s->low > 1e-9 * s->high)) s->low = 1e-9 * s->high;
+    if (s->low > s->high) s->low = s->high;
+}
+
+static peri_result peri__spectrum_run(peri_spectrum *s, const peri_matrix *a, int steps, peri_real *work,
+                                  const peri_parallel *par, peri_error *err) {
+    peri_iteration o = peri_default_iteration();
+    peri_report report;
+    peri__lanczos record;
+    peri__linear run;
+    peri_result bad;
+    uint32_t seed = 12345;
+    int i;
+    peri__gershgorin(a, s);
+    for (i = 0; i < a->n; i++) { /* Numerical Recipes' generator, in (-1, 1), scaled so that all rows weigh the same */
+        seed = seed * 1664525u + 1013904223u;
+        work[i] = (peri_real)(((double)(seed >> 8) / 8388608.0 - 1) * sqrt((double)a->diagonal[i]));
+    }
+    memset(&report, 0, sizeof report);
+    record.count = 0;
+    o.max_iterations = steps;
+    o.parallel = par;
+    peri__linear_set(&run, "spectrum", a, 1, NULL);
+    run.n = a->n;
+    run.work = work;
+    run.o = &o;
+    run.report = &report;
+    run.err = err;
+    bad = peri__cg_run(&run, (sizeof(peri_real) > 4 ? 1e-12 : 1e-5) * sqrt(peri_dot(par, a->n, work, work)), &record);
+    s->products += report.evaluations;
+    if (bad) return bad;
+    peri__ritz(&record, s);
+    peri__spectrum_clamp(s);
+    return PERI_OK;
+}
+
+peri_result peri_spectrum_estimate(peri_spectrum *s, const peri_matrix *a, int steps, peri_real *work,
+                                   const peri_parallel *par, peri_error *err) {
+    peri_result bad = peri__check_rows("spectrum", a, err);
+    if (!bad) bad = peri__check_values("spectrum", a, err);
+    if (bad) return bad;
+    if (!s || (!work && a->n > 0))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "spectrum: %s is NULL", s ? "work" : "the spectrum");
+    if (steps < 1 || steps > 64)
+        return peri__fail(err, PERI_ERROR_VALUE, "spectrum: steps is %d; it must be 1 to 64", steps);
+    if (a->n > 0) bad = peri__spectrum_run(s, a, steps, work, par, err);
+    return bad ? bad : peri__succeed(err);
+}
+
+/* -- Jacobi and Chebyshev -- */
+
+#define PERI__CYCLE 16 /* iterations between looks at the rate */
+
+/* r = b - A x, step = keep step + add D^-1 r, out = x + step, in one pass. Sums |r|^2, and r.D^-1 r: in that norm the
+   method obeys its polynomial whatever the diagonal. */
+static void peri__relax_rows(int begin, int end, void *context) {
+    peri__sweep *t = (peri__sweep *)context;
+    int block, i, c;
+    for (block = begin; block < end; block++) {
+        double sum = 0, scaled = 0;
+        for (i = block * t->block; i < peri__sweep_end(t, block); i++) {
+            ptrdiff_t at = t->rhs * (ptrdiff_t)i;
+            double y[3], inverse = 1 / (double)t->a->diagonal[i], square = 0;
+            peri__row(t->a, t->rhs, t->in, i, y);
+            for (c = 0; c < t->rhs; c++) {
+                double r = (double)t->b[at + c] - y[c];
+                square += r * r;
+                t->step[at + c] = (peri_real)(t->keep * (double)t->step[at + c] + t->add * (r * inverse));
+                t->out[at + c] = (peri_real)((double)t->in[at + c] + (double)t->step[at + c]);
+            }
+            sum += square;
+            scaled += square * inverse;
+        }
+        t->sum[block] = sum;
+        t->scaled[block] = scaled;
+    }
+}
+
+typedef struct peri__relax {
+    peri__linear *s;
+    peri_spectrum *spectrum;
+    peri__recurrence c;
+    peri__sweep t;
+    peri_real *now, *next, *step, *best;
+    int accelerate;
+    int age;                        /* iterations since the recurrence began */
+    int widened, lowered, slow;
+    double start, mark, least;      /* |r| in D^-1: when it began, at the last look, of `best` */
+    double least_residual;
+} peri__relax;
+
+static void peri__relax_begin(peri__relax *k) {
+    peri__recurrence_begin(&k->c, k->spectrum->low, k->spectrum->high);
+    k->age = 0;
+    memset(k->step, 0, (size_t)k->s->n * sizeof *k->step);
+}
+
+static void peri__relax_swap(peri__relax *k) {
+    peri_real *now = k->now;
+    k->now = k->next;
+    k->next = now;
+}
+
+/* log of the decay that theory promises for each iteration, and the eigenvalue on this side of the interval that goes
+   down by only e^-rate (for rate below 0: grows): T(n, y) ~ exp(n acosh y) / 2 on both. */
+static double peri__acosh(double y) { return y > 1 ? peri_log(y + sqrt(y * y - 1)) : 0; }
+
+static double peri__relax_decay(const peri__relax *k) {
+    return k->c.delta > 0 ? peri__acosh(k->c.theta / k->c.delta) : 700;
+}
+
+static double peri__relax_culprit(const peri__relax *k, double rate, int side) {
+    double e, grown = peri_exp(-rate);
+    if (!(k->c.delta > 0)) return k->c.theta * (1 + side * grown);
+    e = peri__relax_decay(k) - rate;
+    e = peri_exp(e > 0 ? e : 0);
+    return k->c.theta + side * k->c.delta * 0.5 * (e + 1 / e);
+}
+
+/* Something above the interval grows: go back to the best x and widen. 0 when the interval is already certain. */
+static int peri__relax_widen(peri__relax *k, double rate) {
+    peri_spectrum *q = k->spectrum;
+    double high = peri__relax_culprit(k, rate, 1), was = q->high;
+    peri__gershgorin(k->s->a, q);
+    if (!(was < 0.999 * q->bound_high) || k->widened > (k->accelerate ? 4 : 0)) return 0;
+    if (!(high > 1.1 * was)) high = 1.1 * was;
+    q->high = ++k->widened < 3 && peri__finite(high) ? 1.05 * high : q->bound_high;
+    if (k->accelerate) {
+        peri__spectrum_clamp(q);
+    } else {
+        q->low = q->high = 0.55 * q->bound_high; /* damped: no eigenvalue's error shrinks by less than 1 - 1/0.55 */
+    }
+    memcpy(k->now, k->best, (size_t)k->s->n * sizeof *k->now);
+    k->s->report->restarts++;
+    peri__relax_begin(k);
+    return 1;
+}
+
+/* It falls too slowly: something below the interval, by the rate that is seen. */
+static int peri__relax_lower(peri__relax *k, double rate) {
+    double low = 0.9 * peri__relax_culprit(k, rate, -1);
+    if (!k->accelerate || k->lowered >= 8 || k->age < 2 * PERI__CYCLE) return 0;
+    if (!(low > 0)) low = 0.1 * k->spectrum->low;
+    if (low < k->spectrum->bound_low) low = k->spectrum->bound_low;
+    if (!(low < 0.8 * k->spectrum->low)) return 0;
+    k->lowered++;
+    k->spectrum->low = low;
+    peri__spectrum_clamp(k->spectrum);
+    k->s->report->restarts++;
+    peri__relax_begin(k);
+    return 1;
+}
+
+/* Looks at the rate, norm being |r| in D^-1. 0: give up. */
+static int peri__relax_look(peri__relax *k, double norm, double residual) {
+    int cycle = k->age % PERI__CYCLE ? k->age % PERI__CYCLE : PERI__CYCLE, grew = !peri__finite(norm);
+    double rate = norm > 0 && !grew ? peri_log(k->mark / norm) / cycle : -700, bound;
+    if (k->age == 0) {
+        k->start = k->mark = norm;
+        if (norm < k->least || k->least < 0) {
+            memcpy(k->best, k->now, (size_t)k->s->n * sizeof *k->now);
+            k->least = norm;
+            k->least_residual = residual;
+        }
+        return !grew;
+    }
+    /* inside the interval 2 exp(-age decay) of the start is the most that may be left; below it all only goes down */
+    bound = 2 * peri_exp(-k->age * peri__relax_decay(k)) * k->start;
+    if (norm > 1.5 * k->start) grew = 1;
+    if (k->age % PERI__CYCLE == 0 && norm > 1.05 * k->mark && norm > 1.05 * bound) grew = 1;
+    if (grew) return peri__relax_widen(k, rate);
+    if (k->age % PERI__CYCLE) return 1;
+    if (norm < k->least) {
+        memcpy(k->best, k->now, (size_t)k->s->n * sizeof *k->now);
+        k->least = norm;
+        k->least_residual = residual;
+    }
+    k->slow = norm > 0.9999 * k->mark ? k->slow + 1 : 0;
+    if (k->slow > 3) return 0;
+    if (rate < 0.8 * peri__relax_decay(k) && norm > bound) peri__relax_lower(k, rate);
+    k->mark = norm;
+    return 1;
+}
+
+/* x is what the residual is of. */
+static void peri__relax_keep(peri__relax *k, const peri_real *x, double residual) {
+    if (x != k->s->x) memcpy(k->s->x, x, (size_t)k->s->n * sizeof *x);
+    k->s->report->residual = residual;
+}
+
+static peri_result peri__relax_run(peri__relax *k) {
+    peri__linear *s = k->s;
+    double sum, scaled, residual;
+    k->least = -1;
+    memcpy(k->best, k->now, (size_t)s->n * sizeof *k->now);
+    peri__sweep_begin(&k->t, s->a, s->rhs);
+    peri__relax_begin(k);
+    for (;;) {
+        int age = k->age;
+        k->t.in = k->now;
+        k->t.b = s->b;
+        k->t.out = k->next;
+        k->t.step = k->step;
+        k->t.keep = k->c.keep;
+        k->t.add = k->c.add;
+        peri__sweep_blocks(s->o->parallel, &k->t, peri__relax_rows, &sum, &scaled);
+        s->report->evaluations++;
+        residual = sqrt(sum) / s->scale;
+        if (s->report->iterations > 0) peri__tell(s, residual);
+        if (residual <= s->o->tolerance) {
+            peri__relax_keep(k, k->now, residual);
+            return peri__succeed(s->err);
+        }
+        if (!peri__relax_look(k, sqrt(scaled), residual)) break;
+        if (s->report->iterations >= s->o->max_iterations) {
+            if (sqrt(scaled) < k->least) peri__relax_keep(k, k->now, residual);
+            else peri__relax_keep(k, k->best, k->least_residual);
+            return peri__stalled(s, peri__more);
+        }
+        if (age > 0 && k->age == 0) continue; /* begun anew: the pass was made with the old interval */
+        peri__relax_swap(k);
+        peri__recurrence_next(&k->c);
+        k->age++;
+        s->report->iterations++;
+    }
+    peri__relax_keep(k, k->best, k->least_residual);
+    s->report->fallbacks = 1;
+    return peri__cg(s);
+}
+
+static void peri__relax_set(peri__relax *k, peri__linear *s, peri_spectrum *spectrum, int accelerate) {
+    memset(k, 0, sizeof *k);
+    k->s = s;
+    k->spectrum = spectrum;
+    k->accelerate = accelerate;
+    k->now = s->x;
+    k->next = s->work;
+    k->step = k->next + s->n;
+    k->best = k->step + s->n;
+}
+
+static peri_result peri__jacobi_run(peri__linear *s) {
+    peri_spectrum spectrum;
+    peri__relax k;
+    memset(&spectrum, 0, sizeof spectrum);
+    spectrum.low = spectrum.high = 1;
+    peri__relax_set(&k, s, &spectrum, 0);
+    return peri__relax_run(&k);
+}
+
+static peri_result peri__chebyshev_run(peri__linear *s) {
+    peri_spectrum own, *spectrum = s->o->spectrum ? s->o->spectrum : &own;
+    peri_result bad = PERI_OK;
+    peri__relax k;
+    if (!s->o->spectrum) memset(&own, 0, sizeof own);
+    if (!(spectrum->high > 0) || !(spectrum->low > 0) || !(spectrum->low <= spectrum->high) ||
+        !peri__finite(spectrum->high))
+        bad = peri__spectrum_run(spectrum, s->a, 20, s->work, s->o->parallel, s->err);
+    if (bad) return bad;
+    peri__relax_set(&k, s, spectrum, 1);
+    return peri__relax_run(&k);
+}
+
+peri_result peri_solve_jacobi(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x, peri_real *work,
+                              const peri_iteration *o, peri_report *report, peri_error *err) {
+    peri__linear s;
+    peri__linear_set(&s, "jacobi", a, rhs, b);
+    s.x = x;
+    s.work = work;
+    s.o = o;
+    s.report = report;
+    s.err = err;
+    return peri__linear_run(&s, peri__jacobi_run);
+}
+
+peri_result peri_solve_chebyshev(const peri_matrix *a, int rhs, const peri_real *b, peri_real *x, peri_real *work,
+                                 const peri_iteration *o, peri_report *report, peri_error *err) {
+    peri__linear s;
+    peri__linear_set(&s, "chebyshev", a, rhs, b);
+    s.x = x;
+    s.work = work;
+    s.o = o;
+    s.report = report;
+    s.err = err;
+    return peri__linear_run(&s, peri__chebyshev_run);
+}
+
+/* -- incomplete Cholesky -- */
+
+/* The lower pattern by rows; the diagonal of L is kept inverted. */
+struct peri_incomplete {
+    peri_allocator memory;
+    size_t bytes;
+    int n, rhs, ready;
+    double shift;
+    int *row, *col, *at;        /* n + 1; entries; n, scratch: where a column's entry of the present row is */
+    peri_real *value, *inverse; /* entries; n */
+};
+
+/* Entries below the diagonal; columns ascend, so they come first in their row. */
+static int peri__lower_end(const peri_matrix *a, int i) {
+    int low = a->row[i], high = a->row[i + 1];
+    while (low < high) {
+        int middle = low + (high - low) / 2;
+        if (a->col[middle] < i) low = middle + 1; else high = middle;
+    }
+    return low;
+}
+
+/* One block: the struct, reals, integers. */
+static size_t peri__incomplete_layout(size_t n, size_t entries, peri_incomplete *f) {
+    size_t reals = (sizeof(peri_incomplete) + 15) / 16 * 16, ints = reals + (n + entries) * sizeof(peri_real);
+    if (f) {
+        f->value = (peri_real *)(void *)((char *)f + reals);
+        f->inverse = f->value + entries;
+        f->row = (int *)(void *)((char *)f + ints);
+        f->col = f->row + n + 1;
+        f->at = f->col + entries;
+    }
+    return ints + (2 * n + 1 + entries) * sizeof(int);
+}
+
+peri_result peri_incomplete_create(const peri_matrix *a, int rhs, const peri_allocator *memory, peri_incomplete **out,
+                                   peri_error *err) {
+    peri_result bad;
+    peri_incomplete *f;
+    size_t entries = 0, bytes;
+    int i, k, e = 0;
+    if (out) *out = NULL;
+    if (!out) return peri__fail(err, PERI_ERROR_ARGUMENT, "incomplete: out is NULL");
+    if (rhs < 1 || rhs > 3)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "incomplete: rhs is %d; it must be 1 to 3", rhs);
+    bad = peri__check_rows("incomplete", a, err);
+    if (bad) return bad;
+    for (i = 0; i < a->n; i++) entries += (size_t)(peri__lower_end(a, i) - a->row[i]);
+    if (entries + 2 * (size_t)a->n > (size_t)-1 / 32)
+        return peri__fail(err, PERI_ERROR_LIMIT, "incomplete: %d rows are more than memory can have", a->n);
+    bytes = peri__incomplete_layout((size_t)a->n, entries, NULL);
+    f = (peri_incomplete *)peri__resize(memory, NULL, 0, bytes);
+    if (!f) return peri__fail(err, PERI_ERROR_MEMORY, "incomplete: no memory for %.0f bytes", (double)bytes);
+    memset(f, 0, sizeof *f);
+    if (memory) f->memory = *memory;
+    f->bytes = bytes;
+    f->n = a->n;
+    f->rhs = rhs;
+    peri__incomplete_layout((size_t)a->n, entries, f);
+    for (f->row[0] = 0, i = 0; i < a->n; i++) {
+        for (k = a->row[i]; k < peri__lower_end(a, i); k++) f->col[e++] = a->col[k];
+        f->row[i + 1] = e;
+    }
+    *out = f;
+    return peri__succeed(err);
+}
+
+void peri_incomplete_destroy(peri_incomplete *f) {
+    peri_allocator memory;
+    if (!f) return;
+    memory = f->memory;
+    peri__resize(&memory, f, f->bytes, 0);
+}
+
+double peri_incomplete_shift(const peri_incomplete *f) { return f ? f->shift : 0; }
+size_t peri_incomplete_bytes(const peri_incomplete *f) { return f ? f->bytes : 0; }
+
+/* Row i: L(i, j) = (A(i, j) - sum over c < j of L(i, c) L(j, c)) / L(j, j) for what the pattern has. at[c] is a place
+   of row i only when it is not before it, so nothing needs clearing. 0 when the pivot is not clearly positive. */
+static int peri__incomplete_row(peri_incomplete *f, const peri_matrix *a, int i) {
+    const peri_real *in = a->value ? a->value + a->row[i] : NULL;
+    double d = (double)a->diagonal[i] * (1 + f->shift), pivot = d;
+    int begin = f->row[i], end = f->row[i + 1], e, k;
+    for (e = begin; e < end; e++) f->at[f->col[e]] = e;
+    for (e = begin; e < end; e++) {
+        int j = f->col[e];
+        double sum = (double)in[e - begin];
+        for (k = f->row[j]; k < f->row[j + 1]; k++) {
+            int at = f->at[f->col[k]];
+            if (at >= begin) sum -= (double)f->value[k] * (double)f->value[at];
+        }
+        sum *= (double)f->inverse[j];
+        f->value[e] = (peri_real)sum;
+        pivot -= sum * sum;
+    }
+    if (!(pivot > (sizeof(peri_real) > 4 ? 1e-12 : 1e-6) * d) || !peri__finite(pivot)) return 0;
+    f->inverse[i] = (peri_real)(1 / sqrt(pivot));
+    return 1;
+}
+
+static int peri__incomplete_matches(const peri_incomplete *f, const peri_matrix *a) {
+    int i, count;
+    if (a->n != f->n) return 0;
+    for (i = 0; i < f->n; i++) {
+        count = f->row[i + 1] - f->row[i];
+        if (peri__lower_end(a, i) - a->row[i] != count) return 0;
+        if (count && memcmp(a->col + a->row[i], f->col + f->row[i], (size_t)count * sizeof(int)) != 0) return 0;
+    }
+    return 1;
+}
+
+/* A shift beyond the largest (sum of a row's absolute values) / diagonal makes A + shift D dominant, where no pivot
+   fails (Meijerink & van der Vorst): so the loop ends. */
+peri_result peri_incomplete_factor(peri_incomplete *f, const peri_matrix *a, peri_error *err) {
+    peri_result bad;
+    int i, tries;
+    if (!f) return peri__fail(err, PERI_ERROR_ARGUMENT, "incomplete: the factor is NULL");
+    f->ready = 0;
+    bad = peri__check_rows("incomplete", a, err);
+    if (!bad && !peri__incomplete_matches(f, a))
+        bad = peri__fail(err, PERI_ERROR_ARGUMENT,
+                         "incomplete: the matrix (n is %d) has another pattern than the one of create (n is %d)", a->n,
+                         f->n);
+    if (!bad) bad = peri__check_values("incomplete", a, err);
+    if (bad) return bad;
+    for (tries = 0; tries < 64; tries++) {
+        f->shift = tries == 0 ? 0 : tries == 1 ? 1e-3 : 4 * f->shift;
+        for (i = 0; i < f->n; i++) f->at[i] = -1;
+        for (i = 0; i < f->n; i++)
+            if (!peri__incomplete_row(f, a, i)) break;
+        if (i == f->n) {
+            f->ready = 1;
+            return peri__succeed(err);
+        }
+    }
+    return peri__fail(err, PERI_ERROR_PIVOT, "incomplete: no shift makes the pivot of row %d positive", i);
+}
+
+static void peri__incomplete_solve3(const peri_incomplete *f, peri_real *p) {
+    int i, e;
+    for (i = 0; i < f->n; i++) {
+        peri_real *z = p + 3 * (ptrdiff_t)i;
+        double y0 = (double)z[0], y1 = (double)z[1], y2 = (double)z[2], d = (double)f->inverse[i];
+        for (e = f->row[i]; e < f->row[i + 1]; e++) {
+            const peri_real *from = p + 3 * (ptrdiff_t)f->col[e];
+            double v = (double)f->value[e];
+            y0 -= v * (double)from[0];
+            y1 -= v * (double)from[1];
+            y2 -= v * (double)from[2];
+        }
+        z[0] = (peri_real)(y0 * d);
+        z[1] = (peri_real)(y1 * d);
+        z[2] = (peri_real)(y2 * d);
+    }
+    for (i = f->n - 1; i >= 0; i--) {
+        peri_real *z = p + 3 * (ptrdiff_t)i, d = f->inverse[i], z0 = z[0] * d, z1 = z[1] * d, z2 = z[2] * d;
+        z[0] = z0;
+        z[1] = z1;
+        z[2] = z2;
+        for (e = f->row[i]; e < f->row[i + 1]; e++) {
+            peri_real *to = p + 3 * (ptrdiff_t)f->col[e], v = f->value[e];
+            to[0] -= v * z0;
+            to[1] -= v * z1;
+            to[2] -= v * z2;
+        }
+    }
+}
+
+static void peri__incomplete_solve1(const peri_incomplete *f, int rhs, peri_real *p) {
+    int i, e;
+    for (i = 0; i < f->n; i++) {
+        double y = (double)p[rhs * (ptrdiff_t)i];
+        for (e = f->row[i]; e < f->row[i + 1]; e++) y -= (double)f->value[e] * (double)p[rhs * (ptrdiff_t)f->col[e]];
+        p[rhs * (ptrdiff_t)i] = (peri_real)(y * (double)f->inverse[i]);
+    }
+    for (i = f->n - 1; i >= 0; i--) {
+        peri_real z = p[rhs * (ptrdiff_t)i] * f->inverse[i];
+        p[rhs * (ptrdiff_t)i] = z;
+        for (e = f->row[i]; e < f->row[i + 1]; e++) p[rhs * (ptrdiff_t)f->col[e]] -= f->value[e] * z;
+    }
+}
+
+void peri_incomplete_apply(const peri_real *g, peri_real *p, void *incomplete) {
+    const peri_incomplete *f = (const peri_incomplete *)incomplete;
+    int c;
+    PERI_ASSERT(f && f->ready);
+    if (!f || !f->n) return;
+    memcpy(p, g, (size_t)f->rhs * (size_t)f->n * sizeof *p);
+    if (!f->ready) return;
+    if (f->rhs == 3) peri__incomplete_solve3(f, p);
+    for (c = 0; c < f->rhs && f->rhs < 3; c++) peri__incomplete_solve1(f, f->rhs, p + c);
 }
 
 /* ---- 5  sparse matrices from triplets ---------------------------------------------------------------------------- */
@@ -1794,7 +3021,7 @@ static int peri__worthwhile(int width, double zeros, double entries) {
 }
 
 /* Supernode g joins the one after, its parent, where the zeros that it takes on are few (Ashcraft & Grimes 1989). */
-static void peri__relax(const peri__plan *p, peri__group *g) {
+static void peri__group_relax(const peri__plan *p, peri__group *g) {
     int up = p->parent[g->first + g->width - 1], w = g->width + g[1].width, h = g->width + g[1].height;
     double zeros = g[1].zeros + (double)g->width * (h - g->height);
     if (up < 0 || up >= g[1].first + g[1].width) return;
@@ -1818,7 +3045,7 @@ static void peri__supernodes(peri__plan *p) {
         }
         g[total - 1].width++;
     }
-    for (k = total - 2; k >= 0; k--) peri__relax(p, g + k);
+    for (k = total - 2; k >= 0; k--) peri__group_relax(p, g + k);
     for (k = 0; k < total; k++)
         if (g[k].width) g[kept++] = g[k];
     p->count_groups = kept;
@@ -2501,7 +3728,7 @@ static peri_result peri__make(peri_cholesky *f, const peri_matrix *a, peri_error
                       f->failed, t.bench[k].pivot, (double)a->diagonal[f->failed]);
 }
 
-static peri_result peri__check_values(const peri_cholesky *f, const peri_matrix *a, peri_error *err) {
+static peri_result peri__factor_check(const peri_cholesky *f, const peri_matrix *a, peri_error *err) {
     if (!f || !a) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", f ? "the matrix" : "the factor");
     if (a->n != f->s->n || peri__pattern(a) != f->s->pattern)
         return peri__fail(err, PERI_ERROR_ARGUMENT,
@@ -2516,7 +3743,7 @@ static peri_result peri__check_values(const peri_cholesky *f, const peri_matrix 
 peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err) {
     peri_result bad;
     if (f) f->ready = 0;
-    bad = peri__check_values(f, a, err);
+    bad = peri__factor_check(f, a, err);
     if (bad) return bad;
     memset(f->mark, 1, (size_t)f->s->panels);
     return peri__make(f, a, err);
@@ -2534,7 +3761,7 @@ static int peri__panel_of(const peri__symbolic *s, int j) {
 
 peri_result peri_cholesky_update(peri_cholesky *f, const peri_matrix *a, int count, const int *rows, peri_error *err) {
     const peri__symbolic *s;
-    peri_result bad = peri__check_values(f, a, err);
+    peri_result bad = peri__factor_check(f, a, err);
     int i, j, k, e;
     if (bad) return bad;
     if (!rows && count > 0) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: rows is NULL");
@@ -2914,9 +4141,9 @@ void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors) {
 /* The cosine of s and y is at least 2 sqrt(k) / (1 + k) for a quadratic of condition k (Kantorovich): below 1e-8 it is
    rounding, or the energy is not convex there. */
 void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y) {
-    double sy = peri_dot(par, l->n, s, y), ss = peri_dot(par, l->n, s, s), yy = peri_dot(par, l->n, y, y);
+    double square[2], sy = peri__dot_squares(par, l->n, s, y, square);
     ptrdiff_t at = (ptrdiff_t)l->head * l->n;
-    if (l->m == 0 || !(sy > 1e-8 * sqrt(ss) * sqrt(yy)) || !peri__finite(1 / sy)) return;
+    if (l->m == 0 || !(sy > 1e-8 * sqrt(square[0]) * sqrt(square[1])) || !peri__finite(1 / sy)) return;
     memcpy(l->s + at, s, (size_t)l->n * sizeof *s);
     memcpy(l->y + at, y, (size_t)l->n * sizeof *y);
     l->rho[l->head] = 1 / sy;
@@ -2924,51 +4151,407 @@ void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s
     if (l->used < l->m) l->used++;
 }
 
-typedef struct peri__axpy_task {
-    double factor, keep;
-    const peri_real *x;
-    peri_real *y;
-} peri__axpy_task;
+static int peri__lbfgs_slot(const peri_lbfgs *l, int age) { return (l->head - age + l->m) % l->m; }
 
-static void peri__axpy_run(int begin, int end, void *context) {
-    peri__axpy_task *t = (peri__axpy_task *)context;
-    int i;
-    for (i = begin; i < end; i++) t->y[i] = (peri_real)(t->keep * (double)t->y[i] + t->factor * (double)t->x[i]);
-}
-
-/* y = keep y + factor x */
-static void peri__axpy(const peri_parallel *par, int n, double keep, peri_real *y, double factor, const peri_real *x) {
-    peri__axpy_task t;
-    t.keep = keep;
-    t.factor = factor;
-    t.x = x;
-    t.y = y;
-    peri_parallel_for(par, n, PERI__RUN, peri__axpy_run, &t);
-}
-
-/* Newest pair first on the way in, oldest first on the way out (Nocedal 1980; Nocedal & Wright, algorithm 7.4). */
+/* Newest pair first on the way in, oldest first on the way out (Nocedal 1980; Nocedal & Wright, algorithm 7.4). Each
+   pass takes one pair off and multiplies with the next. */
 void peri_lbfgs_apply(const peri_lbfgs *l, const peri_parallel *par, const peri_real *g, peri_real *p, peri_real *work,
                       peri_precondition *precondition, void *context) {
-    double alpha[PERI_LBFGS_MAX];
+    double alpha[PERI_LBFGS_MAX], sum = 0;
     int i, k, n = l->n;
     if (n <= 0) return;
     memcpy(work, g, (size_t)n * sizeof *g);
+    if (l->used > 0) sum = peri_dot(par, n, work, l->s + (ptrdiff_t)peri__lbfgs_slot(l, 1) * n);
     for (i = 1; i <= l->used; i++) {
-        k = (l->head - i + l->m) % l->m;
-        alpha[k] = l->rho[k] * peri_dot(par, n, l->s + (ptrdiff_t)k * n, work);
-        peri__axpy(par, n, 1, work, -alpha[k], l->y + (ptrdiff_t)k * n);
+        const peri_real *next = i < l->used ? l->s + (ptrdiff_t)peri__lbfgs_slot(l, i + 1) * n : NULL;
+        k = peri__lbfgs_slot(l, i);
+        alpha[k] = l->rho[k] * sum;
+        sum = peri__combine_dot(par, n, 1, work, -alpha[k], l->y + (ptrdiff_t)k * n, next);
     }
     if (precondition)
         precondition(work, p, context);
     else
         memcpy(p, work, (size_t)n * sizeof *p);
+    if (l->used > 0) sum = peri_dot(par, n, p, l->y + (ptrdiff_t)peri__lbfgs_slot(l, l->used) * n);
     for (i = l->used; i >= 1; i--) {
-        double beta;
-        k = (l->head - i + l->m) % l->m;
-        beta = l->rho[k] * peri_dot(par, n, l->y + (ptrdiff_t)k * n, p);
-        peri__axpy(par, n, 1, p, alpha[k] - beta, l->s + (ptrdiff_t)k * n);
+        const peri_real *next = i > 1 ? l->y + (ptrdiff_t)peri__lbfgs_slot(l, i - 1) * n : NULL;
+        double sign = i > 1 ? 1 : -1, beta; /* the last one turns H g into -H g */
+        k = peri__lbfgs_slot(l, i);
+        beta = l->rho[k] * sum;
+        sum = peri__combine_dot(par, n, sign, p, sign * (alpha[k] - beta), l->s + (ptrdiff_t)k * n, next);
     }
-    peri__axpy(par, n, -1, p, 0, work);
+    if (l->used == 0) peri__combine_dot(par, n, -1, p, 0, work, NULL);
+}
+
+#ifndef PERI_NO_CHOLESKY
+void peri_factor_apply(const peri_real *g, peri_real *p, void *factor_use) {
+    const peri_factor_use *u = (const peri_factor_use *)factor_use;
+    PERI_ASSERT(u && u->factor);
+    if (!u || u->n <= 0) return;
+    memcpy(p, g, (size_t)u->n * (size_t)u->rhs * sizeof *p);
+    peri_cholesky_solve(u->factor, u->rhs, p, u->work);
+}
+#endif
+
+/* ---- 7  line search, minimisation -------------------------------------------------------------------------------- */
+
+peri_search peri_default_search(void) {
+    peri_search o;
+    memset(&o, 0, sizeof o);
+    o.cookie = PERI__SOLVER_COOKIE + 2;
+    o.first = 1;
+    o.accept = 0.9;
+    o.max_trials = 14;
+    return o;
+}
+
+static peri_result peri__check_search(const peri_search *o, peri_error *err) {
+    if (!o || o->cookie != PERI__SOLVER_COOKIE + 2)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "line search: the options %s",
+                          o ? "do not come from peri_default_search()" : "are NULL; pass peri_default_search()");
+    if (!(o->first > 0) || !peri__finite(o->first) || !(o->accept >= 0 && o->accept <= 2) || !(o->noise >= 0))
+        return peri__fail(err, PERI_ERROR_VALUE,
+                          "line search: first is %g (> 0), accept %g (0 to 2), noise %g (>= 0)", o->first, o->accept,
+                          o->noise);
+    if (o->max_trials < 1 || o->max_trials > 100)
+        return peri__fail(err, PERI_ERROR_VALUE, "line search: max_trials is %d; it must be 1 to 100", o->max_trials);
+    return PERI_OK;
+}
+
+/* The share that is taken, or 0. */
+static double peri__line_run(const peri_line *line, const peri_search *o, peri_report *report) {
+    double share = o->first, slope, energy, shrink;
+    while (report->iterations < o->max_trials) {
+        int defined;
+        slope = energy = 0;
+        defined = line->trial(share, &slope, o->energetic ? &energy : NULL, line->context);
+        report->iterations++;
+        report->evaluations++;
+        shrink = 0.25;
+        if (defined && peri__finite(slope) && peri__finite(energy)) {
+            if (slope <= o->accept * fabs(line->slope) && (!o->energetic || energy <= line->energy + o->noise)) {
+                report->residual = fabs(slope / line->slope);
+                return share;
+            }
+            shrink = slope > 0 ? line->slope / (line->slope - slope) : 0.5;
+            shrink = shrink < 0.1 ? 0.1 : shrink > 0.6 ? 0.6 : shrink;
+        }
+        share *= shrink;
+    }
+    return 0;
+}
+
+peri_result peri_line_search(const peri_line *line, double *share, const peri_search *o, peri_report *report,
+                             peri_error *err) {
+    peri_report none;
+    peri_result bad = peri__check_search(o, err);
+    if (!report) report = &none;
+    memset(report, 0, sizeof *report);
+    report->residual = 1;
+    if (share) *share = 0;
+    if (!bad && (!line || !line->trial || !share))
+        bad = peri__fail(err, PERI_ERROR_ARGUMENT, "line search: %s is NULL",
+                         !line ? "the line" : share ? "trial" : "share");
+    if (!bad && (!(line->slope < 0) || !peri__finite(line->slope) || (o->energetic && !peri__finite(line->energy))))
+        bad = peri__fail(err, PERI_ERROR_VALUE, "line search: begins with slope %g and energy %g; the slope must be "
+                         "negative", line->slope, line->energy);
+    if (!bad) {
+        *share = peri__line_run(line, o, report);
+        bad = *share > 0 ? peri__succeed(err)
+                         : peri__fail(err, PERI_ERROR_CONVERGENCE, "line search: no share goes down in %d trials",
+                                      o->max_trials);
+    }
+    report->result = bad;
+    return bad;
+}
+
+size_t peri_minimise_work(int n, int memory) {
+    size_t reals, bytes;
+    if (n < 0 || memory < 0 || memory > PERI_LBFGS_MAX) return 0;
+    if (!peri__mul_size((size_t)n, 2 * (size_t)memory + 5, &reals)) return 0;
+    return peri__mul_size(reals, sizeof(peri_real), &bytes) ? reals : 0;
+}
+
+typedef struct peri__minimise {
+    const peri_objective *f;
+    const peri_iteration *o;
+    peri_report *report;
+    peri_real *x, *g, *g1, *p, *base, *spare;
+    peri_lbfgs lbfgs;
+    double energy, energy1, first; /* first: |g| at the start */
+} peri__minimise;
+
+static int peri__all_finite(int n, const peri_real *g) {
+    int i;
+    for (i = 0; i < n; i++)
+        if (!peri__finite((double)g[i])) return 0;
+    return 1;
+}
+
+/* The gradient at x into g; 0 where it is not defined. */
+static int peri__minimise_gradient(peri__minimise *m, peri_real *g, double *energy) {
+    m->report->evaluations++;
+    return m->f->gradient(m->x, g, m->f->search.energetic ? energy : NULL, m->f->context) &&
+           peri__all_finite(m->f->n, g) && (!m->f->search.energetic || peri__finite(*energy));
+}
+
+static int peri__minimise_trial(double share, double *slope, double *energy, void *context) {
+    peri__minimise *m = (peri__minimise *)context;
+    memcpy(m->x, m->base, (size_t)m->f->n * sizeof *m->x);
+    peri__combine_dot(m->o->parallel, m->f->n, 1, m->x, share, m->p, NULL);
+    if (!peri__minimise_gradient(m, m->g1, &m->energy1)) return 0;
+    *slope = peri_dot(m->o->parallel, m->f->n, m->g1, m->p);
+    if (energy) *energy = m->energy1;
+    return 1;
+}
+
+static void peri__minimise_forget(peri__minimise *m) {
+    peri_lbfgs_begin(&m->lbfgs, m->f->n, m->f->memory, m->lbfgs.s);
+    m->report->restarts++;
+}
+
+/* p, its slope, and its largest entry; the memory goes when p does not lead down. */
+static double peri__minimise_direction(peri__minimise *m) {
+    const peri_parallel *par = m->o->parallel;
+    double slope;
+    int i, n = m->f->n;
+    for (;;) {
+        peri_lbfgs_apply(&m->lbfgs, par, m->g, m->p, m->spare, m->o->precondition, m->o->context);
+        slope = peri_dot(par, n, m->g, m->p);
+        if ((slope < 0 && peri__finite(slope)) || !m->lbfgs.used) break;
+        peri__minimise_forget(m);
+    }
+    for (m->report->correction = 0, i = 0; i < n; i++)
+        if (fabs((double)m->p[i]) > m->report->correction) m->report->correction = fabs((double)m->p[i]);
+    return slope;
+}
+
+/* Takes the trial at share: remembers the pair (s, y) and moves on. */
+static void peri__minimise_take(peri__minimise *m, double share) {
+    const peri_parallel *par = m->o->parallel;
+    peri_real *g = m->g;
+    int n = m->f->n;
+    peri__combine_dot(par, n, share, m->p, 0, m->g1, NULL);
+    peri__combine_dot(par, n, -1, m->g, 1, m->g1, NULL);
+    peri_lbfgs_push(&m->lbfgs, par, m->p, m->g);
+    m->g = m->g1;
+    m->g1 = g;
+    m->energy = m->energy1;
+    m->report->iterations++;
+    m->report->residual = sqrt(peri_dot(par, n, m->g, m->g)) / m->first;
+    if (m->o->watch) m->o->watch(m->report->iterations, m->report->residual, m->o->user);
+}
+
+static peri_result peri__minimise_run(peri__minimise *m, peri_error *err) {
+    peri_report searched;
+    peri_line line;
+    double share;
+    if (!peri__minimise_gradient(m, m->g, &m->energy))
+        return peri__fail(err, PERI_ERROR_VALUE,
+                          "minimise: the gradient at the first guess is not defined, or not finite");
+    m->first = sqrt(peri_dot(m->o->parallel, m->f->n, m->g, m->g));
+    if (!(m->first > 0)) return peri__succeed(err);
+    m->report->residual = 1;
+    line.trial = peri__minimise_trial;
+    line.context = m;
+    for (;;) {
+        line.slope = peri__minimise_direction(m);
+        line.energy = m->energy;
+        if (m->report->correction <= m->o->tolerance) return peri__succeed(err);
+        if (!(line.slope < 0) || !peri__finite(line.slope))
+            return peri__fail(err, PERI_ERROR_PIVOT, "minimise: g.P^-1 g is %g: the preconditioner is not positive",
+                              -line.slope);
+        if (m->report->iterations >= m->o->max_iterations) break;
+        memcpy(m->base, m->x, (size_t)m->f->n * sizeof *m->x);
+        peri_line_search(&line, &share, &m->f->search, &searched, NULL);
+        if (share > 0) {
+            peri__minimise_take(m, share);
+            continue;
+        }
+        memcpy(m->x, m->base, (size_t)m->f->n * sizeof *m->x);
+        if (!m->lbfgs.used) break;
+        peri__minimise_forget(m);
+    }
+    return peri__fail(err, PERI_ERROR_CONVERGENCE,
+                      "minimise: after %d iterations the correction is %.3g, not %.3g, and the gradient %.3g of the "
+                      "first: %s", m->report->iterations, m->report->correction, m->o->tolerance, m->report->residual,
+                      m->report->iterations >= m->o->max_iterations ? peri__more : "no share of it goes down");
+}
+
+static peri_result peri__minimise_check(const peri_objective *f, const peri_real *x, const peri_real *work,
+                                        const peri_iteration *o, peri_error *err) {
+    peri_result bad = peri__check_iteration("minimise", o, err);
+    if (bad) return bad;
+    if (!f || !f->gradient || f->n < 0 || f->memory < 0 || f->memory > PERI_LBFGS_MAX)
+        return peri__fail(err, PERI_ERROR_ARGUMENT,
+                          "minimise: needs a gradient, n >= 0 (here %d) and memory from 0 to %d (here %d)",
+                          f ? f->n : 0, PERI_LBFGS_MAX, f ? f->memory : 0);
+    if (f->n > 0 && (!x || !work))
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "minimise: %s is NULL", x ? "work" : "x");
+    bad = peri__check_search(&f->search, err);
+    if (!bad && !peri__all_finite(f->n, x))
+        bad = peri__fail(err, PERI_ERROR_VALUE, "minimise: the first guess is not finite");
+    return bad;
+}
+
+peri_result peri_minimise(const peri_objective *f, peri_real *x, peri_real *work, const peri_iteration *o,
+                          peri_report *report, peri_error *err) {
+    peri_report none;
+    peri__minimise m;
+    peri_result result = peri__minimise_check(f, x, work, o, err);
+    if (!report) report = &none;
+    memset(report, 0, sizeof *report);
+    if (!result && f->n > 0) {
+        size_t n = (size_t)f->n;
+        memset(&m, 0, sizeof m);
+        m.f = f;
+        m.o = o;
+        m.report = report;
+        m.x = x;
+        m.g = work;
+        m.g1 = m.g + n;
+        m.p = m.g1 + n;
+        m.base = m.p + n;
+        m.spare = m.base + n;
+        peri_lbfgs_begin(&m.lbfgs, f->n, f->memory, m.spare + n);
+        result = peri__minimise_run(&m, err);
+    } else if (!result) {
+        peri__succeed(err);
+    }
+    report->result = result;
+    return result;
+}
+
+/* ---- 8  Anderson acceleration ------------------------------------------------------------------------------------ */
+
+void peri_anderson_begin(peri_anderson *q, int n, int m, peri_real *vectors) {
+    PERI_ASSERT(q && n >= 0 && m >= 0 && m <= PERI_ANDERSON_MAX);
+    memset(q, 0, sizeof *q);
+    q->n = n;
+    q->m = m < 0 ? 0 : m > PERI_ANDERSON_MAX ? PERI_ANDERSON_MAX : m;
+    if (!vectors) return;
+    q->image = vectors;
+    q->change = vectors + n;
+    q->images = q->change + n;
+    q->changes = q->images + (ptrdiff_t)q->m * n;
+}
+
+typedef struct peri__anderson_task {
+    peri_anderson *q;
+    const peri_real *x, *image;
+    int block, pairs; /* pairs: the slots that hold differences, the new one included */
+    double norm[PERI__BLOCKS], gram[PERI_ANDERSON_MAX][PERI__BLOCKS], right[PERI_ANDERSON_MAX][PERI__BLOCKS];
+} peri__anderson_task;
+
+static void peri__anderson_norm(int begin, int end, void *context) {
+    peri__anderson_task *t = (peri__anderson_task *)context;
+    int block, i;
+    for (block = begin; block < end; block++) {
+        int last = t->q->n - block * t->block > t->block ? (block + 1) * t->block : t->q->n;
+        double sum = 0;
+        for (i = block * t->block; i < last; i++) {
+            double f = (double)t->image[i] - (double)t->x[i];
+            sum += f * f;
+        }
+        t->norm[block] = sum;
+    }
+}
+
+/* Takes the image in, puts the differences into the slot at head, and multiplies. */
+static void peri__anderson_take(int begin, int end, void *context) {
+    peri__anderson_task *t = (peri__anderson_task *)context;
+    peri_anderson *q = t->q;
+    int block, k, i;
+    for (block = begin; block < end; block++) {
+        ptrdiff_t at = (ptrdiff_t)block * t->block, slot = (ptrdiff_t)q->head * q->n + at;
+        int n = q->n - block * t->block > t->block ? t->block : q->n - block * t->block;
+        peri_real *image = q->image + at, *change = q->change + at;
+        for (i = 0; i < n; i++) {
+            peri_real g = t->image[at + i], f = g - t->x[at + i];
+            if (t->pairs) {
+                q->images[slot + i] = g - image[i];
+                q->changes[slot + i] = f - change[i];
+            }
+            image[i] = g;
+            change[i] = f;
+        }
+        for (k = 0; k < t->pairs; k++) {
+            const peri_real *other = q->changes + (ptrdiff_t)k * q->n + at;
+            t->gram[k][block] = peri__dot_run(n, other, q->changes + slot);
+            t->right[k][block] = peri__dot_run(n, other, change);
+        }
+    }
+}
+
+int peri_anderson_push(peri_anderson *q, const peri_parallel *par, const peri_real *x, const peri_real *gx) {
+    peri__anderson_task t;
+    double norm;
+    int blocks, k;
+    PERI_ASSERT(q && (q->n == 0 || (x && gx && q->image)));
+    if (q->n <= 0 || !q->image) return 1;
+    t.q = q;
+    t.x = x;
+    t.image = gx;
+    t.block = peri__block(q->n, PERI__RUN);
+    blocks = (q->n - 1) / t.block + 1;
+    peri_parallel_for(par, blocks, 1, peri__anderson_norm, &t);
+    norm = sqrt(peri__sum_blocks(t.norm, blocks));
+    if (!peri__finite(norm) || (q->used > 0 && norm > 2 * q->norm)) {
+        q->resets += q->used > 0;
+        q->used = q->head = 0;
+        return 0;
+    }
+    t.pairs = !q->started || q->m == 0 ? 0 : q->used < q->m ? q->used + 1 : q->m;
+    peri_parallel_for(par, blocks, 1, peri__anderson_take, &t);
+    for (k = 0; k < t.pairs; k++) {
+        q->gram[k][q->head] = q->gram[q->head][k] = peri__sum_blocks(t.gram[k], blocks);
+        q->right[k] = peri__sum_blocks(t.right[k], blocks);
+    }
+    if (t.pairs) q->head = (q->head + 1) % q->m;
+    q->used = t.pairs;
+    q->started = 1;
+    q->norm = norm;
+    return 1;
+}
+
+/* weight minimises |change - changes weight|: normal equations in double, newest first. A difference that newer ones
+   give but for 1e-6 of its length is left out: it would bring in rounding. */
+static void peri__anderson_weights(const peri_anderson *q, double weight[PERI_ANDERSON_MAX]) {
+    double l[PERI_ANDERSON_MAX][PERI_ANDERSON_MAX], y[PERI_ANDERSON_MAX];
+    int slot[PERI_ANDERSON_MAX], kept = 0, age, i, j;
+    for (i = 0; i < PERI_ANDERSON_MAX; i++) weight[i] = 0;
+    for (age = 1; age <= q->used; age++) {
+        int s = (q->head - age + q->m) % q->m;
+        double pivot = q->gram[s][s], right = q->right[s];
+        for (i = 0; i < kept; i++) {
+            double sum = q->gram[s][slot[i]];
+            for (j = 0; j < i; j++) sum -= l[kept][j] * l[i][j];
+            l[kept][i] = sum / l[i][i];
+            pivot -= l[kept][i] * l[kept][i];
+            right -= l[kept][i] * y[i];
+        }
+        if (!(pivot > 1e-12 * q->gram[s][s])) continue;
+        l[kept][kept] = sqrt(pivot);
+        y[kept] = right / l[kept][kept];
+        slot[kept++] = s;
+    }
+    for (i = kept - 1; i >= 0; i--) {
+        for (j = i + 1; j < kept; j++) y[i] -= l[j][i] * y[j];
+        y[i] /= l[i][i];
+        weight[slot[i]] = y[i];
+    }
+}
+
+void peri_anderson_apply(const peri_anderson *q, const peri_parallel *par, peri_real *x) {
+    double weight[PERI_ANDERSON_MAX];
+    int k;
+    PERI_ASSERT(q);
+    if (!q->started || q->n <= 0) return;
+    memcpy(x, q->image, (size_t)q->n * sizeof *x);
+    peri__anderson_weights(q, weight);
+    for (k = 0; k < q->used; k++)
+        if (weight[k] < 0 || weight[k] > 0)
+            peri__combine_dot(par, q->n, 1, x, -weight[k], q->images + (ptrdiff_t)k * q->n, NULL);
 }
 
 #endif /* PERI_SOLVER_IMPLEMENTED */

@@ -182,7 +182,7 @@ plain_text() { # HEADER
 # The quick start of the header's comment, as a program: up to the first empty line, less the remarks in brackets that
 # follow two spaces at the end of a line.
 quick_start() { # COMPILER STANDARD HEADER PRECISION
-    sed -n '/^ *QUICK START/,/^ *$/p' "$3" | sed '1d; s/   *([^()]*) *$//' >"$case/lines"
+    sed -n '/^ *QUICK START/,/^ *$/p' "$3" | sed '/^ *QUICK START/d; s/   *([^()]*) *$//' >"$case/lines"
     [ "$(grep -c ';' "$case/lines")" -ge 3 ] || { echo "no quick start in $3"; return 1; }
     {
         unit ${4:+"$4"} PERI_IMPLEMENTATION "+$3"

@@ -26,9 +26,24 @@ static void quick_start_of_solver(void) {
         peri_cholesky_factor(f, peri_sparse_matrix(a), &err) == PERI_OK)
         peri_cholesky_solve(f, 1, b, work), solved = 1;
     peri_cholesky_destroy(f);
+    peri_real x[3] = {0}, room[12];
+    peri_iteration o = peri_default_iteration();
+    peri_report report;  peri_incomplete *ic = NULL;
+    if (peri_incomplete_create(peri_sparse_matrix(a), 1, NULL, &ic, &err) == PERI_OK &&
+        peri_incomplete_factor(ic, peri_sparse_matrix(a), &err) == PERI_OK) {
+        o.precondition = peri_incomplete_apply;
+        o.context = ic;
+        peri_solve_cg(peri_sparse_matrix(a), 1, b, x, room, &o, &report, &err);
+    }
+    peri_incomplete_destroy(ic);
     peri_sparse_destroy(a);
     CHECK(solved);
     for (k = 0; k < 3; k++) NEAR(b[k], (3 - k) / 4.0, 1e-6);
+    /* the factor of a tridiagonal matrix has no fill: one step is exact */
+    CHECK(report.result == PERI_OK && report.iterations == 1 && peri_solve_work(3, 1) == 12);
+    NEAR(x[0], 0.875, 1e-5);
+    NEAR(x[1], 1, 1e-5);
+    NEAR(x[2], 0.625, 1e-5);
 }
 
 static void quick_start_of_material(void) {

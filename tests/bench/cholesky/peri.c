@@ -23,9 +23,9 @@ static void *start(int method, const problem *p) {
     s->f = NULL;
     s->value = (peri_real *)obtain(sizeof(peri_real) * (size_t)p->row[n]);
     s->diagonal = (peri_real *)obtain(sizeof(peri_real) * n);
-    s->xyz = (peri_real *)obtain(sizeof(peri_real) * 3 * n);
-    s->x = (peri_real *)obtain(sizeof(peri_real) * 3 * n);
-    s->work = (peri_real *)obtain(sizeof(peri_real) * 3 * n);
+    s->xyz = (peri_real *)obtain(sizeof(peri_real) * 6 * n);
+    s->x = (peri_real *)obtain(sizeof(peri_real) * 6 * n);
+    s->work = (peri_real *)obtain(sizeof(peri_real) * 6 * n);
     for (i = 0; i < 3 * n; i++) s->xyz[i] = (peri_real)p->xyz[i];
     s->a.n = p->n;
     s->a.row = p->row;
