@@ -122,8 +122,9 @@ typedef enum peri_integrator {
 
 /* The global step of the solver: how the constant matrix is (approximately) inverted (PP section 4.2). */
 typedef enum peri_solver {
-    PERI_SOLVER_AUTO,       /* Cholesky when its factor fits, else Chebyshev */
+    PERI_SOLVER_AUTO,       /* Cholesky or two levels, whichever costs less by counts: see peri_body_solver */
     PERI_SOLVER_CHOLESKY,   /* factorised once per body and step size */
+    PERI_SOLVER_TWO_LEVEL,  /* Jacobi + a factor of blocks of eight: twice the iterations, each far cheaper in solids */
     PERI_SOLVER_JACOBI,     /* one Jacobi sweep */
     PERI_SOLVER_CHEBYSHEV,  /* Jacobi + Chebyshev, `sweeps` sweeps */
     PERI_SOLVER_POSITION    /* position-based averaging: each bond moves both its ends half way */
@@ -599,6 +600,18 @@ typedef struct peri_stats {
 /* Counts, sizes and times; all zero for NULL. */
 PERI_DEF peri_stats peri_world_stats(const peri_world *world);
 
+/* What solves a body's global step, and why. */
+typedef struct peri_choice {
+    peri_solver solver;     /* PERI_SOLVER_AUTO: not chosen yet; the first step does that */
+    double cost[2];         /* ms a step, as counted for Cholesky and for two levels; 0: not counted */
+    double entries;         /* of the Cholesky factor; 0: not counted */
+    char why[160];          /* a sentence */
+} peri_choice;
+
+/* Counted from bonds and fill when the body's first step is made, not clocked: the same on every machine. All zero for
+   a wrong id. */
+PERI_DEF peri_choice peri_body_solver(const peri_world *world, peri_body_id body);
+
 #ifndef PERI_NO_DRAW
 /* Debug drawing: called for every particle and every bond (each pair once), with t the chosen value mapped to 0 .. 1
    over [low, high]. Either callback may be NULL. */
@@ -660,6 +673,10 @@ typedef struct peri__grid {
     size_t start_bytes, order_bytes;
 } peri__grid;
 
+typedef enum peri__why {
+    PERI__WHY_NOT_YET, PERI__WHY_ASKED, PERI__WHY_SMALL, PERI__WHY_COST, PERI__WHY_ROOM, PERI__WHY_LEFT_OUT
+} peri__why;
+
 typedef struct peri__body {
     peri__slot slot;
     int first, count;           /* its range in the world's particle arrays */
@@ -718,13 +735,17 @@ typedef struct peri__body {
     struct peri__factor *factor;    /* may be shared */
 #endif
     peri_solver solver;         /* what AUTO became */
+    peri__why why;              /* and why */
+    size_t fill;                /* entries that L has or would have; costs counted for Cholesky and two levels */
+    double cost[2];
     double chebyshev_low;
 } peri__body;
 
 #ifndef PERI_NO_CHOLESKY
 /* A factor of all bodies whose matrices have the same bits: copies of one body share it. */
 typedef struct peri__factor {
-    peri_cholesky *l;
+    peri_cholesky *l;           /* one of the two */
+    peri_two_level *levels;
     uint64_t hash;              /* of the matrix */
     int users;
 } peri__factor;
@@ -3189,8 +3210,9 @@ static void peri__factor_leave(peri_world *w, peri__body *b) {
     peri__factor *f = b->factor;
     b->factor = NULL;
     if (!f || --f->users > 0) return;
-    if (f->l) w->stats.factor_bytes -= peri_cholesky_bytes(f->l);
+    w->stats.factor_bytes -= peri_cholesky_bytes(f->l) + peri_two_level_bytes(f->levels);
     peri_cholesky_destroy(f->l);
+    peri_two_level_destroy(f->levels);
     peri__spare_resize(f, sizeof *f, 0, w);
     w->stats.factors_held--;
 }
@@ -6032,7 +6054,21 @@ static peri_matrix peri__matrix(const peri__body *b) {
     return a;
 }
 
-#define PERI__CHOLESKY_MOST 60000   /* particles up to which AUTO factorises: beyond, L is too large to be worth it */
+/* What parts of an iteration take, in nanoseconds on one core of 2023 (AVX-512); only their ratios count, and they hold
+   within a factor of two elsewhere. tests/bench/step.c prints what they should be. */
+#define PERI__COST_BOND 4.0         /* forces: a directed bond */
+#define PERI__COST_ROW 20.0         /* vectors of L-BFGS and the search: a particle */
+#define PERI__COST_ENTRY 0.55       /* a full solve: an entry of L */
+#define PERI__COST_LEVELS 18.0      /* a solve on two levels: a particle */
+#define PERI__COST_OPERATION 0.02   /* a factorisation: a multiplication and addition */
+#define PERI__LEVELS_MORE 2.0       /* iterations with two levels over those with a factor */
+#define PERI__ITERATIONS 10.0       /* of a step, with a factor */
+#define PERI__STEPS 60.0            /* that a factor serves */
+#define PERI__SMALL 1000            /* particles up to which there is nothing to gain */
+
+static double peri__evaluation_cost(const peri__body *b) {
+    return PERI__COST_BOND * b->row[b->count] + PERI__COST_ROW * b->count;
+}
 
 #ifndef PERI_NO_CHOLESKY
 static uint64_t peri__hash_words(uint64_t hash, const void *data, size_t bytes) {
@@ -6067,7 +6103,7 @@ static int peri__factor_join(peri_world *w, peri__body *b, uint64_t hash) {
     for (k = 0; k < w->bodies.capacity; k++) {
         peri__body *other = peri__body_at(w, k);
         if (!other || other == b || !other->factor || other->factor->hash != hash || !(other->matrix_h > 0) ||
-            other->factor == b->factor || !peri__matrix_equal(other, b))
+            other->factor == b->factor || other->solver != b->solver || !peri__matrix_equal(other, b))
             continue;
         peri__factor_leave(w, b);
         b->factor = other->factor;
@@ -6086,12 +6122,15 @@ static peri_result peri__factor_own(peri_world *w, peri__body *b, const peri_mat
     f = (peri__factor *)peri__spare_resize(NULL, 0, sizeof *f, w);
     if (!f) return peri__fail(err, PERI_ERROR_MEMORY, "%zu bytes for a factor were refused", sizeof *f);
     memset(f, 0, sizeof *f);
-    bad = peri_cholesky_create(a, b->points, &memory, &f->l, err);
+    if (b->solver == PERI_SOLVER_CHOLESKY) bad = peri_cholesky_create(a, b->points, &memory, &f->l, err);
+    else bad = peri_two_level_create(a, b->points, 2 * (double)b->spacing, 3, &memory, &f->levels, err);
     if (bad) {
         peri__spare_resize(f, sizeof *f, 0, w);
         return bad;
     }
-    w->stats.factor_bytes += peri_cholesky_bytes(f->l);
+    if (f->l) peri_cholesky_threads(f->l, &w->def.parallel);
+    else peri_two_level_threads(f->levels, &w->def.parallel);
+    w->stats.factor_bytes += peri_cholesky_bytes(f->l) + peri_two_level_bytes(f->levels);
     w->stats.factors_held++;
     peri__factor_leave(w, b);
     f->users = 1;
@@ -6107,7 +6146,9 @@ static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
     peri_result bad = PERI_OK;
     if (peri__factor_join(w, b, hash)) return PERI_OK;
     bad = peri__factor_own(w, b, &a, &err);
-    if (!bad) bad = peri_cholesky_factor(b->factor->l, &a, &err);
+    if (!bad)
+        bad = b->factor->l ? peri_cholesky_factor(b->factor->l, &a, &err)
+                           : peri_two_level_factor(b->factor->levels, &a, &err);
     if (!bad) {
         b->factor->hash = hash;
         w->stats.factors++;
@@ -6116,39 +6157,62 @@ static peri_result peri__matrix_factor(peri_world *w, peri__body *b) {
     if (b->factor && b->factor->users == 1) b->factor->hash = 0;
     if (w->def.solver == PERI_SOLVER_AUTO && (bad == PERI_ERROR_MEMORY || bad == PERI_ERROR_LIMIT)) {
         b->solver = PERI_SOLVER_CHEBYSHEV;
-        if (w->def.log) w->def.log("no room for a Cholesky factor: Chebyshev is used instead", w->def.user);
+        b->why = PERI__WHY_ROOM;
+        if (w->def.log) w->def.log("no room for a factor: Chebyshev is used instead", w->def.user);
         return PERI_OK;
     }
     w->error = err;
     return bad;
 }
+
+/* Counts, not clocks: the same choice on every run. */
+static peri_solver peri__solver_cheapest(peri_world *w, peri__body *b) {
+    peri_allocator memory = peri__spare(w);
+    peri_matrix a = peri__matrix(b);
+    double evaluation = peri__evaluation_cost(b);
+    b->why = PERI__WHY_SMALL;
+    b->cost[0] = b->cost[1] = 0;
+    if (b->count <= PERI__SMALL) return PERI_SOLVER_CHOLESKY;
+    b->why = PERI__WHY_ROOM;
+    if (peri_cholesky_estimate(&a, b->points, &memory, &b->fill, &b->cost[0], NULL)) return PERI_SOLVER_TWO_LEVEL;
+    b->why = PERI__WHY_COST;
+    b->cost[0] = PERI__ITERATIONS * (evaluation + PERI__COST_ENTRY * (double)b->fill) +
+                 PERI__COST_OPERATION * b->cost[0] / PERI__STEPS;
+    b->cost[1] = PERI__LEVELS_MORE * PERI__ITERATIONS * (evaluation + PERI__COST_LEVELS * b->count);
+    return b->cost[0] <= b->cost[1] ? PERI_SOLVER_CHOLESKY : PERI_SOLVER_TWO_LEVEL;
+}
 #endif
 
-static void peri__solver_choose(const peri_world *w, peri__body *b) {
+static void peri__solver_choose(peri_world *w, peri__body *b) {
     if (b->solver != PERI_SOLVER_AUTO) return;
     b->solver = w->def.solver;
-    if (b->solver == PERI_SOLVER_AUTO)
-        b->solver = b->count <= PERI__CHOLESKY_MOST ? PERI_SOLVER_CHOLESKY : PERI_SOLVER_CHEBYSHEV;
-#ifdef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY) b->solver = PERI_SOLVER_CHEBYSHEV;
+    b->why = PERI__WHY_ASKED;
+#ifndef PERI_NO_CHOLESKY
+    if (b->solver == PERI_SOLVER_AUTO) b->solver = peri__solver_cheapest(w, b);
+#else
+    if (b->solver == PERI_SOLVER_AUTO || b->solver == PERI_SOLVER_CHOLESKY || b->solver == PERI_SOLVER_TWO_LEVEL) {
+        b->solver = PERI_SOLVER_CHEBYSHEV;
+        b->why = PERI__WHY_LEFT_OUT;
+    }
 #endif
 }
 
-/* Operations of a factorisation, and of an iteration, counted: the choice must not depend on a clock. */
+/* What making a matrix costs, and an iteration, in the same units. */
 static double peri__factor_cost(const peri__body *b) {
 #ifndef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor) return peri_cholesky_operations(b->factor->l);
+    if (b->factor && b->factor->l) return PERI__COST_OPERATION * peri_cholesky_operations(b->factor->l);
+    if (b->factor)
+        return PERI__COST_OPERATION * peri_two_level_operations(b->factor->levels) + 5.0 * b->row[b->count];
 #endif
-    return 10.0 * b->row[b->count];
+    return 5.0 * b->row[b->count];
 }
 
 static double peri__iteration_cost(const peri__body *b) {
-    double bonds = 150.0 * b->row[b->count];
 #ifndef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY && b->factor)
-        return bonds + 12.0 * (double)peri_cholesky_entries(b->factor->l);
+    if (b->factor && b->factor->l)
+        return peri__evaluation_cost(b) + PERI__COST_ENTRY * (double)peri_cholesky_entries(b->factor->l);
 #endif
-    return bonds;
+    return peri__evaluation_cost(b);
 }
 
 /* Makes the matrix for the present step, with the pins that peri__island_pin left. */
@@ -6159,7 +6223,7 @@ static peri_result peri__matrix_make(peri_world *w, peri__body *b) {
     for (i = 0; i < b->count; i++) b->pinned[i] = w->p[peri__pin_at(b, i)];
     peri__matrix_values(w, b);
 #ifndef PERI_NO_CHOLESKY
-    if (b->solver == PERI_SOLVER_CHOLESKY) bad = peri__matrix_factor(w, b);
+    if (b->solver == PERI_SOLVER_CHOLESKY || b->solver == PERI_SOLVER_TWO_LEVEL) bad = peri__matrix_factor(w, b);
 #endif
     if (bad) b->matrix_h = 0;
     w->stats.profile.factor += 1e3 * (peri__clock(w) - start);
@@ -6202,9 +6266,14 @@ static void peri__global_body(peri_world *w, const peri__body *b, const peri_rea
         break;
     case PERI_SOLVER_AUTO:
     case PERI_SOLVER_CHOLESKY:
+    case PERI_SOLVER_TWO_LEVEL:
 #ifndef PERI_NO_CHOLESKY
-        memcpy(p, g, n * sizeof *p);
-        peri_cholesky_solve(b->factor->l, 3, p, work);
+        if (b->factor->levels) {
+            peri_two_level_apply(g, p, b->factor->levels);
+        } else {
+            memcpy(p, g, n * sizeof *p);
+            peri_cholesky_solve(b->factor->l, 3, p, work);
+        }
 #endif
         break;
     }
@@ -7672,6 +7741,29 @@ peri_result peri_body_gradient(peri_world *w, peri_body_id id, peri_real *out) {
         for (c = 0; c < 9; c++) out[9 * (size_t)i + (size_t)c] = (peri_real)f[c];
     }
     return bad;
+}
+
+peri_choice peri_body_solver(const peri_world *w, peri_body_id id) {
+    peri_choice c;
+    const peri__body *b = w ? peri__body_find(w, id) : NULL;
+    memset(&c, 0, sizeof c);
+    if (!b) return c;
+    c.solver = b->solver;
+    c.cost[0] = 1e-6 * b->cost[0];
+    c.cost[1] = 1e-6 * b->cost[1];
+    c.entries = (double)b->fill;
+    switch (b->why) {
+    case PERI__WHY_NOT_YET: snprintf(c.why, sizeof c.why, "not chosen yet: the first step does that"); break;
+    case PERI__WHY_ASKED: snprintf(c.why, sizeof c.why, "the world's definition asks for it"); break;
+    case PERI__WHY_SMALL: snprintf(c.why, sizeof c.why, "%d particles: a factor is cheap", b->count); break;
+    case PERI__WHY_COST:
+        snprintf(c.why, sizeof c.why, "%d particles, %d bonds, %.3g entries of L: %.3g ms a step with Cholesky, "
+                 "%.3g with two levels", b->count, b->row[b->count], c.entries, c.cost[0], c.cost[1]);
+        break;
+    case PERI__WHY_ROOM: snprintf(c.why, sizeof c.why, "no room for the factor of %d particles", b->count); break;
+    case PERI__WHY_LEFT_OUT: snprintf(c.why, sizeof c.why, "PERI_NO_CHOLESKY leaves factors out"); break;
+    }
+    return c;
 }
 
 peri_stats peri_world_stats(const peri_world *w) {

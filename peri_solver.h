@@ -35,9 +35,9 @@
    peri_cholesky_update. A guess is known, or double precision wanted of float: peri_cholesky_refine.
 
    DOES       sparse Cholesky with nested dissection or minimum degree, float or double; Jacobi, Jacobi + Chebyshev with
-              the spectrum estimated, conjugate gradients, over Jacobi, IC(0), polynomials or an old factor; L-BFGS over
-              any preconditioner, line search, a minimiser of both; Anderson acceleration of fixed points; 3x3
-              eigenvalues, SVD, polar; 6x6 inverse; reproducible log and exp.
+              the spectrum estimated, conjugate gradients over Jacobi, IC(0), polynomials, two levels or an old factor;
+              L-BFGS over any preconditioner, line search, a minimiser of both; Anderson acceleration of fixed points;
+              3x3 eigenvalues, SVD, polar; 6x6 inverse; reproducible log and exp.
    DOES NOT   handle unsymmetric or indefinite matrices (the failing pivot is reported); run on a GPU.
 
    OPTIONS (define before including, the same in every translation unit)
@@ -63,6 +63,7 @@
        6  L-BFGS
        7  line search, minimisation
        8  Anderson acceleration
+       9  two-level preconditioner
        implementation in the same order
 
    HISTORY
@@ -393,6 +394,11 @@ PERI_DEF peri_result peri_cholesky_create_like(const peri_cholesky *other, const
 /* Lets factor and solve use threads (NULL: none, as at first); the same bits whatever their number. */
 PERI_DEF void peri_cholesky_threads(peri_cholesky *f, const peri_parallel *par);
 
+/* What the analysis alone says: entries of L and operations of a factorisation, without room for L. Errors as
+   create. */
+PERI_DEF peri_result peri_cholesky_estimate(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
+                                            size_t *entries, double *operations, peri_error *err);
+
 /* Computes L from the values of a, whose pattern must be the one analysed (else ARGUMENT); may be called again.
    PERI_ERROR_PIVOT names the first row whose pivot is not positive; the factor is then unusable until it succeeds. */
 PERI_DEF peri_result peri_cholesky_factor(peri_cholesky *f, const peri_matrix *a, peri_error *err);
@@ -544,6 +550,41 @@ PERI_DEF int peri_anderson_push(peri_anderson *q, const peri_parallel *par, cons
 
 /* x (n, out) is where to evaluate G next; gx of the last push may be given as x. */
 PERI_DEF void peri_anderson_apply(const peri_anderson *q, const peri_parallel *par, peri_real *x);
+
+#ifndef PERI_NO_CHOLESKY
+/* ---- 9  two-level preconditioner --------------------------------------------------------------------------------- */
+
+/* P^-1 = D^-1 + Q (Q^T A Q)^-1 Q^T: Jacobi for what changes from row to row, and a factor of the matrix of aggregates
+   for what is smooth (Q: 1 where a row belongs to an aggregate). Against a full factor it takes about twice the
+   iterations, each a tenth of the time, in three dimensions; the factor is made in a tenth of its time and memory. */
+typedef struct peri_two_level peri_two_level;
+
+/* Aggregates are the rows whose coordinates xyz (3 n) lie in one cube of side `cell`: 2 spacings makes blocks of eight.
+   It is for `rhs` right-hand sides, 1 to 3, and holds its own work: one thread at a time may apply it. memory NULL:
+   realloc and free. Errors: ARGUMENT, INDEX (pattern), VALUE (a coordinate is not finite, cell not positive), LIMIT,
+   MEMORY. */
+PERI_DEF peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, double cell, int rhs,
+                                           const peri_allocator *memory, peri_two_level **out, peri_error *err);
+
+/* Takes the values of a, whose pattern must be that of create. Rows that store nothing but zeros stand by themselves.
+   PIVOT: a diagonal entry is not positive, or the matrix of aggregates is not positive definite. */
+PERI_DEF peri_result peri_two_level_factor(peri_two_level *t, const peri_matrix *a, peri_error *err);
+
+/* Threads for apply and factor, as peri_cholesky_threads. */
+PERI_DEF void peri_two_level_threads(peri_two_level *t, const peri_parallel *par);
+
+/* A peri_precondition: p = P^-1 g; context: a peri_two_level. */
+PERI_DEF void peri_two_level_apply(const peri_real *g, peri_real *p, void *two_level);
+
+/* Aggregates; bytes; entries of the factor; operations of making it. */
+PERI_DEF int peri_two_level_aggregates(const peri_two_level *t);
+PERI_DEF size_t peri_two_level_bytes(const peri_two_level *t);
+PERI_DEF size_t peri_two_level_entries(const peri_two_level *t);
+PERI_DEF double peri_two_level_operations(const peri_two_level *t);
+
+/* Frees; NULL is fine. */
+PERI_DEF void peri_two_level_destroy(peri_two_level *t);
+#endif
 
 #endif /* PERI_SOLVER_H */
 /* Stop here if you only want the API. */
@@ -3361,24 +3402,46 @@ static peri_allocator peri__memory_or_standard(const peri_allocator *memory) {
     return memory ? *memory : standard;
 }
 
+/* Checks, then analyses. */
+static peri_result peri__analyse_checked(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
+                                         peri__symbolic **out, peri_error *err) {
+    peri_result bad = peri__check_pattern(a, memory, err);
+    ptrdiff_t i;
+    if (bad) return bad;
+    for (i = 0; xyz && i < 3 * (ptrdiff_t)a->n; i++)
+        if (!peri__finite((double)xyz[i]))
+            return peri__fail(err, PERI_ERROR_VALUE, "cholesky: coordinate %c of row %d is not finite",
+                              "xyz"[i % 3], (int)(i / 3));
+    return peri__analyse(a, xyz, memory, out, err);
+}
+
 peri_result peri_cholesky_create(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
                                  peri_cholesky **out, peri_error *err) {
     peri_allocator hook = peri__memory_or_standard(memory);
     peri__symbolic *s = NULL;
     peri_result result;
-    ptrdiff_t i;
     if (out) *out = NULL;
     if (!a || !out) return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", a ? "out" : "the matrix");
-    result = peri__check_pattern(a, &hook, err);
-    if (result != PERI_OK) return result;
-    for (i = 0; xyz && i < 3 * (ptrdiff_t)a->n; i++)
-        if (!peri__finite((double)xyz[i]))
-            return peri__fail(err, PERI_ERROR_VALUE, "cholesky: coordinate %c of row %d is not finite",
-                              "xyz"[i % 3], (int)(i / 3));
-    result = peri__analyse(a, xyz, &hook, &s, err);
+    result = peri__analyse_checked(a, xyz, &hook, &s, err);
     if (!result) result = peri__numbers(s, &hook, out, err);
     peri__symbolic_leave(s);
     return result;
+}
+
+peri_result peri_cholesky_estimate(const peri_matrix *a, const peri_real *xyz, const peri_allocator *memory,
+                                   size_t *entries, double *operations, peri_error *err) {
+    peri_allocator hook = peri__memory_or_standard(memory);
+    peri__symbolic *s = NULL;
+    peri_result result;
+    if (!a || !entries || !operations)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "cholesky: %s is NULL", a ? "entries or operations" : "the matrix");
+    result = peri__analyse_checked(a, xyz, &hook, &s, err);
+    if (!result) {
+        *entries = s->entries;
+        *operations = s->operations;
+    }
+    peri__symbolic_leave(s);
+    return result ? result : peri__succeed(err);
 }
 
 peri_result peri_cholesky_create_like(const peri_cholesky *other, const peri_allocator *memory, peri_cholesky **out,
@@ -4553,6 +4616,310 @@ void peri_anderson_apply(const peri_anderson *q, const peri_parallel *par, peri_
         if (weight[k] < 0 || weight[k] > 0)
             peri__combine_dot(par, q->n, 1, x, -weight[k], q->images + (ptrdiff_t)k * q->n, NULL);
 }
+
+#ifndef PERI_NO_CHOLESKY
+/* ---- 9  two-level preconditioner --------------------------------------------------------------------------------- */
+
+struct peri_two_level {
+    peri_allocator memory;
+    size_t bytes;
+    uint64_t pattern;
+    peri_parallel parallel;
+    peri_cholesky *factor;
+    peri_matrix coarse;
+    int n, parts, rhs, longest, ready;
+    int *part, *member, *first;     /* of a row; rows of an aggregate: member[first[k]] .. member[first[k + 1] - 1] */
+    int *row, *col, *place;         /* of the coarse matrix; place: scratch */
+    peri_real *value, *diagonal, *inverse, *sum, *work;
+    double *line;                   /* scratch: a row of the coarse matrix */
+    unsigned char *alone;           /* rows that no other touches */
+};
+
+typedef struct peri__cube {
+    int64_t key[3];
+    int row;
+} peri__cube;
+
+static int peri__cube_order(const void *a, const void *b) {
+    const peri__cube *x = (const peri__cube *)a, *y = (const peri__cube *)b;
+    int c;
+    for (c = 2; c >= 0; c--)
+        if (x->key[c] != y->key[c]) return x->key[c] < y->key[c] ? -1 : 1;
+    return x->row < y->row ? -1 : x->row > y->row;
+}
+
+/* Sorts rows by the cube that they stand in. Cubes begin a quarter before the first coordinate, so that rounding does
+   not part the planes of a lattice of half their side. Returns the number of cubes. */
+static int peri__cubes(int n, const peri_real *xyz, double cell, peri__cube *cube) {
+    int i, c, count = n > 0;
+    double low[3] = {0, 0, 0};
+    for (c = 0; c < 3; c++)
+        for (i = 0; i < n; i++)
+            if (i == 0 || (double)xyz[3 * (ptrdiff_t)i + c] < low[c]) low[c] = (double)xyz[3 * (ptrdiff_t)i + c];
+    for (i = 0; i < n; i++) {
+        for (c = 0; c < 3; c++)
+            cube[i].key[c] = (int64_t)(((double)xyz[3 * (ptrdiff_t)i + c] - low[c]) / cell + 0.25);
+        cube[i].row = i;
+    }
+    qsort(cube, (size_t)n, sizeof *cube, peri__cube_order);
+    for (i = 1; i < n; i++)
+        count += cube[i].key[0] != cube[i - 1].key[0] || cube[i].key[1] != cube[i - 1].key[1] ||
+                 cube[i].key[2] != cube[i - 1].key[2];
+    return count;
+}
+
+/* Rows of the coarse pattern; with col NULL only their lengths. place: -1 for aggregates not met in this row. */
+static void peri__coarse_pattern(peri_two_level *t, const peri_matrix *a) {
+    int k, m, e, count = 0;
+    for (k = 0; k < t->parts; k++) t->place[k] = -1;
+    for (k = 0; k < t->parts; k++) {
+        int begin = count;
+        t->place[k] = k;
+        for (m = t->first[k]; m < t->first[k + 1]; m++)
+            for (e = a->row[t->member[m]]; e < a->row[t->member[m] + 1]; e++) {
+                int to = t->part[a->col[e]];
+                if (t->place[to] == k) continue;
+                t->place[to] = k;
+                if (t->col) t->col[count] = to;
+                count++;
+            }
+        if (t->col) peri__row_sort(t->col + begin, count - begin);
+        t->row[k] = begin;
+        if (count - begin > t->longest) t->longest = count - begin;
+    }
+    t->row[t->parts] = count;
+}
+
+/* Where everything stands in one block; block NULL only counts. */
+static size_t peri__two_level_lay(peri_two_level *t, char *block, int entries) {
+    size_t n = (size_t)t->n, parts = (size_t)t->parts, sides = (size_t)t->rhs, at = 0;
+#define PERI__LAY(field, type, count) \
+    if (block) t->field = (type *)(void *)(block + at); \
+    at = peri__align(at + ((size_t)(count) + 1) * sizeof(type));
+    PERI__LAY(line, double, t->longest + 1)
+    PERI__LAY(inverse, peri_real, n)
+    PERI__LAY(value, peri_real, entries)
+    PERI__LAY(diagonal, peri_real, parts)
+    PERI__LAY(sum, peri_real, sides * parts)
+    PERI__LAY(work, peri_real, 2 * sides * parts)
+    PERI__LAY(part, int, n)
+    PERI__LAY(member, int, n)
+    PERI__LAY(first, int, parts + 1)
+    PERI__LAY(row, int, parts + 1)
+    PERI__LAY(place, int, parts)
+    PERI__LAY(col, int, entries)
+    PERI__LAY(alone, unsigned char, n)
+#undef PERI__LAY
+    return at;
+}
+
+/* Aggregates, pattern and factor of their matrix. Room is taken for as many entries as A has, and used from the
+   front. */
+static peri_result peri__two_level_make(peri_two_level *t, const peri_matrix *a, const peri_real *xyz,
+                                        const peri__cube *cube, peri_error *err) {
+    size_t bytes;
+    char *block;
+    peri_real *centre;
+    int i, k = -1, c;
+    t->longest = t->parts;
+    bytes = peri__two_level_lay(t, NULL, a->row[t->n]);
+    block = (char *)peri__resize(&t->memory, NULL, 0, bytes);
+    if (!block) return peri__fail(err, PERI_ERROR_MEMORY, "two levels: no memory for %d rows", t->n);
+    t->bytes = bytes;
+    peri__two_level_lay(t, block, a->row[t->n]);
+    for (i = 0; i < t->n; i++) {
+        if (i == 0 || cube[i].key[0] != cube[i - 1].key[0] || cube[i].key[1] != cube[i - 1].key[1] ||
+            cube[i].key[2] != cube[i - 1].key[2])
+            t->first[++k] = i;
+        t->member[i] = cube[i].row;
+        t->part[cube[i].row] = k;
+    }
+    t->first[t->parts] = t->n;
+    t->longest = 0;
+    peri__coarse_pattern(t, a);
+    t->coarse.n = t->parts;
+    t->coarse.row = t->row;
+    t->coarse.col = t->col;
+    t->coarse.value = t->value;
+    t->coarse.diagonal = t->diagonal;
+    centre = (peri_real *)peri__resize(&t->memory, NULL, 0, (3 * (size_t)t->parts + 1) * sizeof *centre);
+    if (!centre) return peri__fail(err, PERI_ERROR_MEMORY, "two levels: no memory for %d rows", t->n);
+    for (k = 0; k < t->parts; k++)
+        for (c = 0; c < 3; c++) {
+            double sum = 0;
+            for (i = t->first[k]; i < t->first[k + 1]; i++) sum += (double)xyz[3 * (ptrdiff_t)t->member[i] + c];
+            centre[3 * (ptrdiff_t)k + c] = (peri_real)(sum / (t->first[k + 1] - t->first[k]));
+        }
+    i = (int)peri_cholesky_create(&t->coarse, centre, &t->memory, &t->factor, err);
+    peri__resize(&t->memory, centre, (3 * (size_t)t->parts + 1) * sizeof *centre, 0);
+    return (peri_result)i;
+}
+
+peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, double cell, int rhs,
+                                  const peri_allocator *memory, peri_two_level **out, peri_error *err) {
+    peri_allocator hook = peri__memory_or_standard(memory);
+    peri_two_level *t;
+    peri__cube *cube;
+    peri_result bad;
+    ptrdiff_t i;
+    if (out) *out = NULL;
+    if (!a || !xyz || !out || rhs < 1 || rhs > 3)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "two levels: %s", !a ? "the matrix is NULL" : !xyz ? "xyz is NULL" :
+                          !out ? "out is NULL" : "rhs must be 1, 2 or 3");
+    if (!(cell > 0) || !peri__finite(cell))
+        return peri__fail(err, PERI_ERROR_VALUE, "two levels: cell is %g; it must be a positive length", cell);
+    bad = peri__check_pattern(a, &hook, err);
+    if (bad) return bad;
+    for (i = 0; i < 3 * (ptrdiff_t)a->n; i++)
+        if (!(fabs((double)xyz[i]) < 1e15 * cell))
+            return peri__fail(err, PERI_ERROR_VALUE, "two levels: coordinate %c of row %d is %g, in cells of %g",
+                              "xyz"[i % 3], (int)(i / 3), (double)xyz[i], cell);
+    t = (peri_two_level *)peri__resize(&hook, NULL, 0, sizeof *t);
+    if (!t) return peri__fail(err, PERI_ERROR_MEMORY, "two levels: no memory for %d rows", a->n);
+    memset(t, 0, sizeof *t);
+    t->memory = hook;
+    t->n = a->n;
+    t->rhs = rhs;
+    t->pattern = peri__pattern(a);
+    t->parallel.threads = 1;
+    cube = (peri__cube *)peri__resize(&hook, NULL, 0, ((size_t)a->n + 1) * sizeof *cube);
+    bad = PERI_ERROR_MEMORY;
+    if (cube) {
+        t->parts = peri__cubes(a->n, xyz, cell, cube);
+        bad = a->n > 0 ? peri__two_level_make(t, a, xyz, cube, err) : PERI_OK;
+        peri__resize(&hook, cube, ((size_t)a->n + 1) * sizeof *cube, 0);
+    } else {
+        peri__fail(err, bad, "two levels: no memory for %d rows", a->n);
+    }
+    if (bad) {
+        peri_two_level_destroy(t);
+        return bad;
+    }
+    *out = t;
+    return peri__succeed(err);
+}
+
+/* Row k of Q^T A Q, summed in double. */
+static void peri__coarse_row(peri_two_level *t, const peri_matrix *a, int k) {
+    double own = 0;
+    int m, e, begin = t->row[k], count = t->row[k + 1] - begin;
+    for (e = 0; e < count; e++) {
+        t->place[t->col[begin + e]] = e;
+        t->line[e] = 0;
+    }
+    for (m = t->first[k]; m < t->first[k + 1]; m++) {
+        int i = t->member[m];
+        if (t->alone[i]) continue;
+        own += (double)a->diagonal[i];
+        for (e = a->row[i]; e < a->row[i + 1]; e++) {
+            int to = t->part[a->col[e]];
+            if (t->alone[a->col[e]]) continue;
+            if (to == k) own += (double)a->value[e];
+            else t->line[t->place[to]] += (double)a->value[e];
+        }
+    }
+    for (e = 0; e < count; e++) t->value[begin + e] = (peri_real)t->line[e];
+    t->diagonal[k] = own > 0 || own < 0 ? (peri_real)own : 1;   /* 1: all its rows stand alone */
+}
+
+peri_result peri_two_level_factor(peri_two_level *t, const peri_matrix *a, peri_error *err) {
+    peri_result bad;
+    int i, e;
+    if (!t || !a)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "two levels: %s is NULL", t ? "the matrix" : "the object");
+    t->ready = 0;
+    if (a->n != t->n || peri__pattern(a) != t->pattern)
+        return peri__fail(err, PERI_ERROR_ARGUMENT, "two levels: the matrix (n is %d) has another pattern than the one "
+                          "given to create (n is %d)", a->n, t->n);
+    for (i = 0; i < t->n; i++) {
+        double d = (double)a->diagonal[i];
+        if (!(d > 0) || !peri__finite(1 / d) || !peri__finite(d))
+            return peri__fail(err, PERI_ERROR_PIVOT,
+                              "two levels: the diagonal entry of row %d is %g; it must be positive", i, d);
+        t->inverse[i] = (peri_real)(1 / d);
+        t->alone[i] = 1;
+        for (e = a->row[i]; e < a->row[i + 1] && t->alone[i]; e++) t->alone[i] = fabs((double)a->value[e]) <= 0;
+    }
+    for (i = 0; i < t->parts; i++) peri__coarse_row(t, a, i);
+    bad = t->n > 0 ? peri_cholesky_factor(t->factor, &t->coarse, err) : PERI_OK;
+    t->ready = !bad;
+    return bad ? bad : peri__succeed(err);
+}
+
+typedef struct peri__levels {
+    const peri_two_level *t;
+    const peri_real *g;
+    peri_real *p;
+} peri__levels;
+
+static void peri__gather_task(int begin, int end, void *context) {
+    const peri__levels *l = (const peri__levels *)context;
+    const peri_two_level *t = l->t;
+    int m, q, sides = t->rhs;
+    for (; begin < end; begin++) {
+        peri_real sum[3] = {0, 0, 0};
+        for (m = t->first[begin]; m < t->first[begin + 1]; m++) {
+            const peri_real *g = l->g + (ptrdiff_t)sides * t->member[m];
+            if (!t->alone[t->member[m]])
+                for (q = 0; q < sides; q++) sum[q] += g[q];
+        }
+        for (q = 0; q < sides; q++) t->sum[(ptrdiff_t)sides * begin + q] = sum[q];
+    }
+}
+
+static void peri__spread_task(int begin, int end, void *context) {
+    const peri__levels *l = (const peri__levels *)context;
+    const peri_two_level *t = l->t;
+    int q, sides = t->rhs;
+    for (; begin < end; begin++) {
+        const peri_real *sum = t->sum + (ptrdiff_t)sides * t->part[begin];
+        peri_real inverse = t->inverse[begin], share = t->alone[begin] ? 0 : 1;
+        for (q = 0; q < sides; q++)
+            l->p[(ptrdiff_t)sides * begin + q] = l->g[(ptrdiff_t)sides * begin + q] * inverse + share * sum[q];
+    }
+}
+
+void peri_two_level_apply(const peri_real *g, peri_real *p, void *two_level) {
+    peri__levels l;
+    l.t = (const peri_two_level *)two_level;
+    l.g = g;
+    l.p = p;
+    PERI_ASSERT(l.t && l.t->ready);
+    if (!l.t || !l.t->ready || !l.t->n) return;
+    peri_parallel_for(&l.t->parallel, l.t->parts, PERI__GRAIN, peri__gather_task, &l);
+    peri_cholesky_solve(l.t->factor, l.t->rhs, l.t->sum, l.t->work);
+    peri_parallel_for(&l.t->parallel, l.t->n, PERI__GRAIN, peri__spread_task, &l);
+}
+
+void peri_two_level_threads(peri_two_level *t, const peri_parallel *par) {
+    PERI_ASSERT(t);
+    if (!t) return;
+    memset(&t->parallel, 0, sizeof t->parallel);
+    t->parallel.threads = 1;
+    if (par) t->parallel = *par;
+    if (t->factor) peri_cholesky_threads(t->factor, par);
+}
+
+int peri_two_level_aggregates(const peri_two_level *t) { return t ? t->parts : 0; }
+
+size_t peri_two_level_bytes(const peri_two_level *t) {
+    return t ? sizeof *t + t->bytes + peri_cholesky_bytes(t->factor) : 0;
+}
+
+size_t peri_two_level_entries(const peri_two_level *t) { return t ? peri_cholesky_entries(t->factor) : 0; }
+
+double peri_two_level_operations(const peri_two_level *t) { return t ? peri_cholesky_operations(t->factor) : 0; }
+
+void peri_two_level_destroy(peri_two_level *t) {
+    peri_allocator memory;
+    if (!t) return;
+    memory = t->memory;
+    peri_cholesky_destroy(t->factor);
+    if (t->line) peri__resize(&memory, t->line, t->bytes, 0);
+    peri__resize(&memory, t, sizeof *t, 0);
+}
+
+#endif /* PERI_NO_CHOLESKY */
 
 #endif /* PERI_SOLVER_IMPLEMENTED */
 #endif /* PERI_IMPLEMENTATION */

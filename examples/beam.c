@@ -29,7 +29,7 @@ static const studio_app app = {"beam",
                                "Beams: one answer for three time steps, finite elements, basis functions, Poisson's\n"
                                "ratios (PP figure 1, SH figures 4 and 8).\n"
                                "models (falling beam): neo_hookean linear projective papers stvk stvk_exact stable\n"
-                               "solvers: auto cholesky jacobi chebyshev position\n"
+                               "solvers: auto cholesky two-level jacobi chebyshev position\n"
                                "--frames is the time of the falling beams in steps of 16 ms\n",
                                NULL, 94};
 

@@ -31,7 +31,7 @@ static const double young = 1e5, density = 1000;
 static const studio_app app = {"curves",
                                "Nominal stress against stretch of every material and of a gripped bar (SH figure 12).\n"
                                "models (of the bar): neo_hookean stvk_exact stable linear papers stvk projective all\n"
-                               "solvers: auto cholesky jacobi chebyshev position\n",
+                               "solvers: auto cholesky two-level jacobi chebyshev position\n",
                                NULL, 20};
 
 /* Finite elements: quadratic tetrahedra, 3 boxes of 6 over the quarter section, neo-Hookean, E = 1e5 Pa, Poisson's

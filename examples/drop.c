@@ -33,7 +33,7 @@ static const studio_app app = {
     "  --keep-size    do not scale the mesh to 1 m\n"
     "  --y-up         the file has y upwards; here it is z\n"
     "--model: neo_hookean linear stvk stvk_exact stable papers projective\n"
-    "--solver: auto cholesky jacobi chebyshev position\n", 100};
+    "--solver: auto cholesky two-level jacobi chebyshev position\n", 100};
 
 /* What one picture shows. */
 typedef struct view {

@@ -32,7 +32,7 @@ static const studio_app app = {
     "  --density X    kg/m^3 (1000)\n"
     "  --speed X      of the fall, m/s (4)\n"
     "--model: the third material: neo_hookean linear stvk stvk_exact stable papers projective\n"
-    "--solver: auto cholesky jacobi chebyshev position\n"
+    "--solver: auto cholesky two-level jacobi chebyshev position\n"
     "--frames: most steps to reach rest under one load\n", 200};
 
 /* The body at one moment. */

@@ -29,7 +29,7 @@ static const studio_app app = {
     "  --push N       force on the stem; a tenth of it on the leaf (10)\n"
     "  --density X    kg/m^3 (40)\n"
     "--model: stvk neo_hookean linear stvk_exact stable papers\n"
-    "--solver: auto cholesky jacobi chebyshev position\n"
+    "--solver: auto cholesky two-level jacobi chebyshev position\n"
     "--frames: of all four phases: gravity, stem, leaf, let go\n", 300};
 
 typedef struct flower {

@@ -27,7 +27,7 @@ static const studio_app app = {
     "  --density X    of the bodies, kg/m^3 (300)\n"
     "  --friction X   of all (0.5)\n"
     "  --dt S         length of a step (1/60)\n"
-    "--solver: auto cholesky jacobi chebyshev position\n", 120};
+    "--solver: auto cholesky two-level jacobi chebyshev position\n", 120};
 
 typedef struct pile {
     studio_options options;

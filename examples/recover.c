@@ -37,7 +37,7 @@ static const studio_app app = {"recover",
                                "Bodies flattened, mirrored or shuffled find back to their shape (PP figures 3, 4);\n"
                                "mass-spring and shape matching do the same exercise.\n"
                                "models: neo_hookean linear projective papers stvk stvk_exact stable all\n"
-                               "solvers: auto cholesky jacobi chebyshev position\n",
+                               "solvers: auto cholesky two-level jacobi chebyshev position\n",
                                NULL, 60};
 
 /* ------------------------------------------------------------------------------------------------ shapes -------- */

@@ -61,8 +61,9 @@ STUDIO_API int studio_material(const char *name, double young, double poisson, d
 
 /* The solver called `name` (NULL: auto). */
 STUDIO_API int studio_solver(const char *name, peri_solver *solver) {
-    static const char *const known[] = {"auto", "cholesky", "jacobi", "chebyshev", "position"}; /* as peri_solver */
-    int k = studio_choice("--solver", name, known, 5);
+    static const char *const known[] = {"auto", "cholesky", "two-level", "jacobi", "chebyshev",
+                                        "position"}; /* as peri_solver */
+    int k = studio_choice("--solver", name, known, 6);
     if (k < 0) return -1;
     *solver = (peri_solver)k;
     return 0;
