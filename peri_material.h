@@ -177,7 +177,128 @@ PERI_DEF double peri_material_point(const peri_material *m, const double f[9], d
 #define PERI__COOKIE 0x70657269u
 #define PERI__R(x) ((peri_real)(x))
 
-/* ---- implementation 1: basis functions ---------------------------------------------------------------------------
+/* ---- implementation 1: lanes -------------------------------------------------------------------------------------
+   Hot loops run over 16 lanes in lockstep: short arrays and loops of 16 turns, which compilers make vectors of at -O2
+   already. What a vector cannot hold back: sqrtf sets errno, so roots are taken by intrinsics (correctly rounded, the
+   same bits as sqrtf); the logarithm is ours. */
+
+#if defined(__SSE2__) || defined(_M_X64)
+#define PERI__SSE2
+#include <emmintrin.h>
+#ifdef __AVX__
+#include <immintrin.h>
+#endif
+#elif defined(__aarch64__) && defined(__ARM_NEON)
+#define PERI__NEON
+#include <arm_neon.h>
+#endif
+
+#if defined(__GNUC__) || defined(__clang__)
+#define PERI__INLINE static inline __attribute__((always_inline, unused))
+#elif defined(_MSC_VER)
+#define PERI__INLINE static __forceinline
+#else
+#define PERI__INLINE static inline
+#endif
+
+/* a b + c. Rounded once only where the processor is known to do so: elsewhere fma is a slow call. */
+#if !defined(PERI_DOUBLE) && defined(FP_FAST_FMAF)
+#define PERI__MAD(a, b, c) fmaf(a, b, c)
+#elif defined(PERI_DOUBLE) && defined(FP_FAST_FMA)
+#define PERI__MAD(a, b, c) fma(a, b, c)
+#else
+#define PERI__MAD(a, b, c) ((a) * (b) + (c))
+#endif
+
+#define PERI__LANES 16
+typedef peri_real peri__row[PERI__LANES];
+typedef double peri__row2[PERI__LANES];
+
+/* Roots of n (1 or PERI__LANES) numbers, in place. */
+PERI__INLINE void peri__roots2(int n, double *v) {
+    int l = 0;
+#if defined(__AVX512F__)
+    for (; l + 7 < n; l += 8) _mm512_storeu_pd(v + l, _mm512_sqrt_pd(_mm512_loadu_pd(v + l)));
+#elif defined(__AVX__)
+    for (; l + 3 < n; l += 4) _mm256_storeu_pd(v + l, _mm256_sqrt_pd(_mm256_loadu_pd(v + l)));
+#elif defined(PERI__SSE2)
+    for (; l + 1 < n; l += 2) _mm_storeu_pd(v + l, _mm_sqrt_pd(_mm_loadu_pd(v + l)));
+#elif defined(PERI__NEON)
+    for (; l + 1 < n; l += 2) vst1q_f64(v + l, vsqrtq_f64(vld1q_f64(v + l)));
+#endif
+    for (; l < n; l++) v[l] = sqrt(v[l]);
+}
+
+#ifdef PERI_DOUBLE
+#define peri__roots(v) peri__roots2(PERI__LANES, v)
+#else
+PERI__INLINE void peri__roots(float *v) {
+    int l = 0;
+#if defined(__AVX512F__)
+    _mm512_storeu_ps(v, _mm512_sqrt_ps(_mm512_loadu_ps(v)));
+    l = PERI__LANES;
+#elif defined(__AVX__)
+    for (; l < PERI__LANES; l += 8) _mm256_storeu_ps(v + l, _mm256_sqrt_ps(_mm256_loadu_ps(v + l)));
+#elif defined(PERI__SSE2)
+    for (; l < PERI__LANES; l += 4) _mm_storeu_ps(v + l, _mm_sqrt_ps(_mm_loadu_ps(v + l)));
+#elif defined(PERI__NEON)
+    for (; l < PERI__LANES; l += 4) vst1q_f32(v + l, vsqrtq_f32(vld1q_f32(v + l)));
+#endif
+    for (; l < PERI__LANES; l++) v[l] = PERI__SQRT(v[l]);
+}
+#endif
+
+/* log(1 + x) = k ln 2 + 2 z + tail, x > -1, of n numbers: 1 + x = 2^k m, m in [sqrt 1/2, sqrt 2), z = (m - 1)/(m + 1),
+   tail = 2 z (z^2/3 + z^4/5 + ...). Where k is 0, m - 1 is x: no digit of a small x is lost. */
+#define PERI__LOG_PARTS(name, real, word, bits, one, low, terms)                                                       \
+    PERI__INLINE void name(int n, const real *x, real *k, real *z, real *tail) {                                       \
+        real m[PERI__LANES];                                                                                           \
+        word b[PERI__LANES];                                                                                           \
+        int l, t;                                                                                                      \
+        for (l = 0; l < n; l++) m[l] = 1 + x[l];                                                                       \
+        memcpy(b, m, (size_t)n * sizeof *b);                                                                           \
+        for (l = 0; l < n; l++) {                                                                                      \
+            word up = (word)(b[l] + ((one) - (low)));                                                                  \
+            k[l] = (real)((int32_t)(up >> (bits)) - (int32_t)((one) >> (bits)));                                       \
+            b[l] = (word)((up & (((word)1 << (bits)) - 1)) + (low));                                                   \
+        }                                                                                                              \
+        memcpy(m, b, (size_t)n * sizeof *b);                                                                           \
+        for (l = 0; l < n; l++) {                                                                                      \
+            real f = k[l] < 0 || k[l] > 0 ? m[l] - 1 : x[l];                                                           \
+            z[l] = f / (2 + f);                                                                                        \
+            tail[l] = 0;                                                                                               \
+        }                                                                                                              \
+        for (t = 2 * (terms) + 1; t > 1; t -= 2)                                                                       \
+            for (l = 0; l < n; l++) tail[l] = (tail[l] + (real)1 / (real)t) * (z[l] * z[l]);                           \
+        for (l = 0; l < n; l++) tail[l] *= 2 * z[l];                                                                   \
+    }
+PERI__LOG_PARTS(peri__log_parts2, double, uint64_t, 52, 0x3ff0000000000000ULL, 0x3fe6a09e667f3bcdULL, 11)
+#ifdef PERI_DOUBLE
+#define peri__log_parts peri__log_parts2
+#else
+PERI__LOG_PARTS(peri__log_parts, float, uint32_t, 23, 0x3f800000u, 0x3f3504f3u, 5)
+#endif
+
+/* log(1 + x). */
+PERI__INLINE void peri__log1p(int n, const double *x, double *out) {
+    peri__row2 k, z, tail;
+    int l;
+    peri__log_parts2(n, x, k, z, tail);
+    for (l = 0; l < n; l++) out[l] = k[l] * PERI__LN2_HIGH + (2 * z[l] + (tail[l] + k[l] * PERI__LN2_LOW));
+}
+
+/* x - log(1 + x), to the last digits of its own size. */
+PERI__INLINE void peri__log_excess(int n, const peri_real *x, peri_real *out) {
+    peri__row k, z, tail;
+    int l;
+    peri__log_parts(n, x, k, z, tail);
+    for (l = 0; l < n; l++) {
+        peri_real far = x[l] - 2 * z[l] - k[l] * PERI__R(0.6931471805599453);
+        out[l] = (k[l] < 0 || k[l] > 0 ? far : z[l] * x[l]) - tail[l];
+    }
+}
+
+/* ---- implementation 2: basis functions ---------------------------------------------------------------------------
    f' of every sum of A_n and B_n is a Laurent polynomial sum c_k s^k, -N <= k <= N: one form for all of them. The three
    that presets use have a short form in the hot loops. */
 
@@ -264,13 +385,6 @@ static double peri__basis_second(const peri__basis *f) {
     return (high - low) / (2 * step);
 }
 
-/* log(1 + x): the series keeps the digits that 1 + x drops. */
-static double peri__log1p(double x) {
-    double z = x / (2 + x), z2 = z * z;
-    if (fabs(x) > 0.1) return peri_log(1 + x);
-    return 2 * z * (1 + z2 * (1 / 3.0 + z2 * (1 / 5.0 + z2 * (1 / 7.0 + z2 * (1 / 9.0 + z2 * (1 / 11.0 + z2 / 13))))));
-}
-
 /* f'(tau) / tau from q - 1 and tau: what a bond force needs. The short forms keep the digits of a small q - 1. */
 static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real tau, peri_real inv_tau) {
     double first;
@@ -288,12 +402,15 @@ static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real 
 
 /* f(tau) from q - 1 and tau: what a bond's energy needs; short forms as above. */
 static double peri__basis_energy(const peri__basis *f, peri_real dq, peri_real tau) {
-    double first, e = (double)dq / (1 + (double)tau);
+    double first, e = (double)dq / (1 + (double)tau), square = (double)dq, log_q;
     switch (f->form) {
     case PERI__FORM_B1: return (double)f->scale * e * e;
     case PERI__FORM_SVK: return (double)f->scale * (double)dq * (double)dq / 4;
     case PERI__FORM_A1:
-        if (tau >= PERI__R(PERI__S_MIN)) return (double)f->scale / 2 * ((double)dq - peri__log1p((double)dq));
+        if (tau >= PERI__R(PERI__S_MIN)) {
+            peri__log1p(1, &square, &log_q);
+            return (double)f->scale / 2 * (square - log_q);
+        }
         break;
     case PERI__FORM_GENERAL: break;
     }
@@ -309,7 +426,7 @@ double peri_basis_value(const peri_basis *f, double s, double *first) {
     return value;
 }
 
-/* ---- implementation 2: presets and checks ------------------------------------------------------------------------ */
+/* ---- implementation 3: presets and checks ------------------------------------------------------------------------ */
 
 static peri_material peri__material(peri_model model, peri_real young, peri_real poisson, peri_real density) {
     peri_material m;
@@ -485,97 +602,135 @@ peri_result peri_material_check(const peri_material *m, peri_error *err) {
     return bad;
 }
 
-/* ---- implementation 3: laws Psi(C) ------------------------------------------------------------------------------- */
+/* ---- implementation 4: laws Psi(C) -------------------------------------------------------------------------------
+   Of n particles side by side, C - 1 in h; a single one is the first lane. */
 
 /* With h = C - 1: det C - 1 without losing digits, and the cofactors of C. */
-static double peri__det_minus_one(const double h[6], double cofactor[6]) {
-    double c0 = 1 + h[0], c1 = 1 + h[1], c2 = 1 + h[2];
-    cofactor[0] = c1 * c2 - h[3] * h[3];
-    cofactor[1] = c0 * c2 - h[4] * h[4];
-    cofactor[2] = c0 * c1 - h[5] * h[5];
-    cofactor[3] = h[4] * h[5] - c0 * h[3];
-    cofactor[4] = h[3] * h[5] - c1 * h[4];
-    cofactor[5] = h[3] * h[4] - c2 * h[5];
-    return h[0] + h[1] + h[2] + h[0] * h[1] + h[1] * h[2] + h[0] * h[2] - h[3] * h[3] - h[4] * h[4] - h[5] * h[5] +
-           h[0] * (h[1] * h[2] - h[3] * h[3]) - h[1] * h[4] * h[4] - h[2] * h[5] * h[5] + 2 * h[3] * h[4] * h[5];
+PERI__INLINE void peri__cofactors(int n, peri__row2 *h, peri__row2 *cofactor, double *dm) {
+    int l;
+    for (l = 0; l < n; l++) {
+        double h0 = h[0][l], h1 = h[1][l], h2 = h[2][l], h3 = h[3][l], h4 = h[4][l], h5 = h[5][l];
+        double c0 = 1 + h0, c1 = 1 + h1, c2 = 1 + h2;
+        cofactor[0][l] = c1 * c2 - h3 * h3;
+        cofactor[1][l] = c0 * c2 - h4 * h4;
+        cofactor[2][l] = c0 * c1 - h5 * h5;
+        cofactor[3][l] = h4 * h5 - c0 * h3;
+        cofactor[4][l] = h3 * h5 - c1 * h4;
+        cofactor[5][l] = h3 * h4 - c2 * h5;
+        dm[l] = h0 + h1 + h2 + h0 * h1 + h1 * h2 + h0 * h2 - h3 * h3 - h4 * h4 - h5 * h5 + h0 * (h1 * h2 - h3 * h3) -
+                h1 * h4 * h4 - h2 * h5 * h5 + 2 * h3 * h4 * h5;
+    }
 }
 
-#define PERI__DET_MIN 0.04  /* J = 0.2 */
+#define PERI__DET_MIN 0.04          /* J = 0.2 */
+#define PERI__LOG_J_MIN (-1.6094379124341003)
 
 /* log J of det C = 1 + dm, its derivative by det C; below PERI__DET_MIN the second-order Taylor polynomial. */
-static double peri__log_j(double dm, double *slope) {
+PERI__INLINE void peri__log_j(int n, const double *dm, double *value, double *slope) {
     const double d0 = PERI__DET_MIN;
-    double x = 1 + dm - d0;
-    if (x >= 0) {
-        *slope = 0.5 / (1 + dm);
-        return 0.5 * peri__log1p(dm);
+    peri__row2 clamped;
+    int l;
+    for (l = 0; l < n; l++) clamped[l] = dm[l] > d0 - 1 ? dm[l] : d0 - 1;
+    peri__log1p(n, clamped, value);
+    for (l = 0; l < n; l++) {
+        double x = 1 + dm[l] - d0, below = PERI__LOG_J_MIN + 0.5 * x / d0 - 0.25 * x * x / (d0 * d0);
+        slope[l] = x >= 0 ? 0.5 / (1 + clamped[l]) : 0.5 / d0 - 0.5 * x / (d0 * d0);
+        value[l] = x >= 0 ? 0.5 * value[l] : below;
     }
-    *slope = 0.5 / d0 - 0.5 * x / (d0 * d0);
-    return 0.5 * peri_log(d0) + 0.5 * x / d0 - 0.25 * x * x / (d0 * d0);
 }
 
 /* J - 1 of det C = 1 + dm, continued the same way. */
-static double peri__j_minus_one(double dm, double *slope) {
+PERI__INLINE void peri__j_minus_one(int n, const double *dm, double *value, double *slope) {
     const double d0 = PERI__DET_MIN, j0 = 0.2;
-    double x = 1 + dm - d0, j;
-    if (x >= 0) {
-        j = sqrt(1 + dm);
-        *slope = 0.5 / j;
-        return dm / (1 + j);
+    peri__row2 j;
+    int l;
+    for (l = 0; l < n; l++) j[l] = dm[l] > d0 - 1 ? 1 + dm[l] : d0;
+    peri__roots2(n, j);
+    for (l = 0; l < n; l++) {
+        double x = 1 + dm[l] - d0, below = j0 - 1 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
+        slope[l] = x >= 0 ? 0.5 / j[l] : 0.5 / j0 - 0.25 * x / (j0 * j0 * j0);
+        value[l] = x >= 0 ? dm[l] / (1 + j[l]) : below;
     }
-    *slope = 0.5 / j0 - 0.25 * x / (j0 * j0 * j0);
-    return j0 - 1 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
 }
 
-static double peri__law_neo_hookean(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double cofactor[6], slope, log_j, factor;
-    int k;
-    log_j = peri__log_j(peri__det_minus_one(h, cofactor), &slope);
-    factor = (lambda * log_j - mu) * slope;
-    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? mu / 2 : 0);
-    return mu / 2 * (h[0] + h[1] + h[2]) - mu * log_j + lambda / 2 * log_j * log_j;
+PERI__INLINE void peri__law_neo_hookean(int n, double lambda, double mu, peri__row2 *h, peri__row2 *dpsi,
+                                        double *psi) {
+    peri__row2 cofactor[6], dm, log_j, slope;
+    int k, l;
+    peri__cofactors(n, h, cofactor, dm);
+    peri__log_j(n, dm, log_j, slope);
+    for (l = 0; l < n; l++) {
+        psi[l] = mu / 2 * (h[0][l] + h[1][l] + h[2][l]) - mu * log_j[l] + lambda / 2 * log_j[l] * log_j[l];
+        slope[l] *= lambda * log_j[l] - mu;
+    }
+    for (k = 0; k < 6; k++)
+        for (l = 0; l < n; l++) dpsi[k][l] = slope[l] * cofactor[k][l] + (k < 3 ? mu / 2 : 0);
 }
 
-static double peri__law_stvk(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double trace = h[0] + h[1] + h[2], squares = 0;
-    int k;
-    for (k = 0; k < 6; k++) {
-        squares += (k < 3 ? 1 : 2) * h[k] * h[k];
-        dpsi[k] = mu / 2 * h[k] + (k < 3 ? lambda / 4 * trace : 0);
+PERI__INLINE void peri__law_stvk(int n, double lambda, double mu, peri__row2 *h, peri__row2 *dpsi, double *psi) {
+    peri__row2 trace;
+    int k, l;
+    for (l = 0; l < n; l++) {
+        trace[l] = h[0][l] + h[1][l] + h[2][l];
+        psi[l] = lambda / 8 * trace[l] * trace[l];
     }
-    return mu / 4 * squares + lambda / 8 * trace * trace;
+    for (k = 0; k < 6; k++)
+        for (l = 0; l < n; l++) {
+            psi[l] += (k < 3 ? mu / 4 : mu / 2) * h[k][l] * h[k][l];
+            dpsi[k][l] = mu / 2 * h[k][l] + (k < 3 ? lambda / 4 * trace[l] : 0);
+        }
 }
 
-/* Smith, de Goes, Kim 2018, equation 14 with their reparameterised constants (so that small strain is Hooke's). */
-static double peri__law_stable(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double m = 4 * mu / 3, l = lambda + 5 * mu / 6, beyond = 0.75 * m / l;   /* alpha - 1 */
-    double cofactor[6], slope, j, trace = h[0] + h[1] + h[2], factor;
-    double y = trace / 4, log_y = y > -0.9 ? peri__log1p(y) : 0, inverse = 1 / (1 + y);
-    int k;
-    if (y < -0.9) {     /* I1 can fall below zero in a trial step: the tangent goes on */
-        log_y = peri__log1p(-0.9) + 10 * (y + 0.9);
-        inverse = 10;
+/* Smith, de Goes, Kim 2018, equation 14 with their reparameterised constants (so that small strain is Hooke's). Where
+   I1 falls below zero, as it can in a trial step, the tangent of the logarithm goes on. */
+PERI__INLINE void peri__law_stable(int n, double lambda, double mu, peri__row2 *h, peri__row2 *dpsi, double *psi) {
+    double m = 4 * mu / 3, l0 = lambda + 5 * mu / 6, beyond = 0.75 * m / l0;    /* alpha - 1 */
+    peri__row2 cofactor[6], dm, slope, j, clamped, log_y, pull;
+    int k, l;
+    peri__cofactors(n, h, cofactor, dm);
+    peri__j_minus_one(n, dm, j, slope);
+    for (l = 0; l < n; l++) {
+        double y = (h[0][l] + h[1][l] + h[2][l]) / 4;
+        clamped[l] = y > -0.9 ? y : -0.9;
     }
-    j = peri__j_minus_one(peri__det_minus_one(h, cofactor), &slope);
-    factor = l * (j - beyond) * slope;
-    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? m / 2 * (1 - inverse / 4) : 0);
-    return m / 2 * (trace - log_y) + l / 2 * j * (j - 2 * beyond);
+    peri__log1p(n, clamped, log_y);
+    for (l = 0; l < n; l++) {
+        double trace = h[0][l] + h[1][l] + h[2][l];
+        log_y[l] += (trace / 4 - clamped[l]) * 10;
+        pull[l] = m / 2 * (1 - 1 / (1 + clamped[l]) / 4);
+        psi[l] = m / 2 * (trace - log_y[l]) + l0 / 2 * j[l] * (j[l] - 2 * beyond);
+        slope[l] *= l0 * (j[l] - beyond);
+    }
+    for (k = 0; k < 6; k++)
+        for (l = 0; l < n; l++) dpsi[k][l] = slope[l] * cofactor[k][l] + (k < 3 ? pull[l] : 0);
+}
+
+PERI__INLINE void peri__law(const peri_material *m, int n, peri__row2 *h, peri__row2 *dpsi, double *psi) {
+    double lambda = (double)m->lambda, mu = (double)m->mu, c[6], d[6];
+    int k, l;
+    switch (m->law) {
+    case PERI_LAW_NEO_HOOKEAN: peri__law_neo_hookean(n, lambda, mu, h, dpsi, psi); return;
+    case PERI_LAW_STVK: peri__law_stvk(n, lambda, mu, h, dpsi, psi); return;
+    case PERI_LAW_STABLE: peri__law_stable(n, lambda, mu, h, dpsi, psi); return;
+    case PERI_LAW_USER: break;
+    }
+    for (l = 0; l < n; l++) {
+        for (k = 0; k < 6; k++) c[k] = h[k][l] + (k < 3);
+        psi[l] = m->psi(c, d, m->context);
+        for (k = 0; k < 6; k++) dpsi[k][l] = d[k];
+    }
 }
 
 double peri_law_value(const peri_material *m, const double h[6], double dpsi[6]) {
-    double lambda = (double)m->lambda, mu = (double)m->mu, c[6];
+    peri__row2 strain[6], stress[6], psi;
     int k;
-    switch (m->law) {
-    case PERI_LAW_NEO_HOOKEAN: return peri__law_neo_hookean(lambda, mu, h, dpsi);
-    case PERI_LAW_STVK: return peri__law_stvk(lambda, mu, h, dpsi);
-    case PERI_LAW_STABLE: return peri__law_stable(lambda, mu, h, dpsi);
-    case PERI_LAW_USER: break;
-    }
-    for (k = 0; k < 6; k++) c[k] = h[k] + (k < 3);
-    return m->psi(c, dpsi, m->context);
+    for (k = 0; k < 6; k++) strain[k][0] = h[k];
+    peri__law(m, 1, strain, stress, psi);
+    for (k = 0; k < 6; k++) dpsi[k] = stress[k][0];
+    return psi[0];
 }
 
-/* ---- implementation 4: bonds -------------------------------------------------------------------------------------
+/* ---- implementation 5: bonds -------------------------------------------------------------------------------------
    A body's bonds in compressed rows, one array per quantity, so that a later layout (blocks of particles in lockstep)
    is a permutation of the same arrays. w v_i v_j is symmetric: the bond weight is omega_ij = s_ij c_i / v_i with
    s_ij = w(r) v_i v_j, c_i = 1 / sum_k w v_k and v = V / d^3, so a particle reads its neighbour's share of a bond from
@@ -722,7 +877,7 @@ typedef void peri__pull(const peri__matter *m, const peri_real *coef, const peri
 typedef void peri__force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                          const peri_real *coef, peri_real *f);
 
-/* ---- implementation 5: the stretch model (SH (12), (13)) --------------------------------------------------------- */
+/* ---- implementation 6: the stretch model (SH (12), (13)) --------------------------------------------------------- */
 
 /* coef: unit c ls g'(theta), unit c ms. */
 static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, const double *x, int i, peri_real *coef,
@@ -799,7 +954,7 @@ static void peri__stretch_force(const peri__bonds *b, const peri__matter *m, con
     }
 }
 
-/* ---- implementation 6: the correspondence model ------------------------------------------------------------------
+/* ---- implementation 7: the correspondence model ------------------------------------------------------------------
    C_i - 1 = H_i = M_i^-1 sum omega (tau^2 - 1) nn, M_i = sum omega nn nn^T: least squares, exact for affine maps.
    Psi_i = Psi(C_i) + t/4 sum omega (tau^2 - n.C_i n)^2 with t = s (15/2) mu. The derivative of the second term through
    C_i vanishes (normal equations), so dPsi_i/d(tau^2) = omega [nn.(M_i^-1 dPsi/dC) + t/2 (tau^2 - n.C_i n)]. */
@@ -943,7 +1098,7 @@ static void peri__correspondence_force(const peri__bonds *b, const peri__matter 
     }
 }
 
-/* ---- implementation 7: the projective model (PP (8), (10), (11)) -------------------------------------------------
+/* ---- implementation 8: the projective model (PP (8), (10), (11)) -------------------------------------------------
    The local step's targets are r dir(Fbar xi) and r dir(y). PP's force drops the derivative of Fbar; what is minimised
    at fixed targets is sum omega [a |y/r - dir(Fbar n)|^2 + b/2 (tau - 1)^2], which is the energy reported (equal to
    PP (8) for affine maps). */
@@ -1034,7 +1189,7 @@ static void peri__projective_force(const peri__bonds *b, const peri__matter *m, 
     }
 }
 
-/* ---- implementation 8: the models' table, particles with another energy ------------------------------------------
+/* ---- implementation 9: the models' table, particles with another energy ------------------------------------------
    A new material is a row here and its functions above. */
 
 typedef struct peri__model_row {
@@ -1262,7 +1417,7 @@ PERI__SHARED int peri__unhealthy_sheet(const peri__matter *m, const double f[9],
     return 1;
 }
 
-/* ---- implementation 9: plates -------------------------------------------------------------------------------------
+/* ---- implementation 10: plates -------------------------------------------------------------------------------------
    Bending of one layer of points. From its bonds alone a particle knows how the surface through it is curved:
    y = G p + K q is fitted by least squares (weights omega/r^4) over its tangent plane, p = (xi0, xi1),
    q = (xi0^2/2, xi1^2/2, xi0 xi1/sqrt 2), so that K = (K00, K11, sqrt 2 K01), a vector each, is linear in y and exact
@@ -1511,7 +1666,7 @@ PERI__SHARED double peri__plate_make(const peri__bonds *b, int i, double d, doub
     return sum;
 }
 
-/* ---- implementation 10: a material point ------------------------------------------------------------------------- */
+/* ---- implementation 11: a material point ------------------------------------------------------------------------- */
 
 /* Adds what one direction n, of weight w, gives to theta, or to the energy and stress once theta is known. */
 static double peri__point_direction(const peri__matter *m, const double f[9], const double n[3], double w, double slope,
