@@ -43,7 +43,8 @@
        1  materials
        2  presets
        3  a material point
-       implementation: basis functions, laws, the three models, their table, plates
+       implementation: lanes, basis functions, presets, laws, bonds, the three models, the same in lanes, their table,
+       plates, a material point
 
    HISTORY
        0.1.0  first version: elastic models
@@ -177,7 +178,139 @@ PERI_DEF double peri_material_point(const peri_material *m, const double f[9], d
 #define PERI__COOKIE 0x70657269u
 #define PERI__R(x) ((peri_real)(x))
 
-/* ---- implementation 1: basis functions ---------------------------------------------------------------------------
+/* ---- implementation 1: lanes -------------------------------------------------------------------------------------
+   Hot loops run over 16 lanes in lockstep: short arrays and loops of 16 turns, which compilers make vectors of at -O2
+   already. What a vector cannot hold back: sqrtf sets errno, so roots are taken by intrinsics (correctly rounded, the
+   same bits as sqrtf); the logarithm is ours. */
+
+#if defined(__SSE2__) || defined(_M_X64)
+#define PERI__SSE2
+#include <emmintrin.h>
+#ifdef __AVX__
+#include <immintrin.h>
+#endif
+#elif defined(__aarch64__) && defined(__ARM_NEON)
+#define PERI__NEON
+#include <arm_neon.h>
+#endif
+
+#if defined(__GNUC__) || defined(__clang__)
+#define PERI__INLINE static inline __attribute__((always_inline, unused))
+#elif defined(_MSC_VER)
+#define PERI__INLINE static __forceinline
+#else
+#define PERI__INLINE static inline
+#endif
+
+/* a b + c. Rounded once only where the processor is known to do so: elsewhere fma is a slow call. */
+#if !defined(PERI_DOUBLE) && defined(FP_FAST_FMAF)
+#define PERI__MAD(a, b, c) fmaf(a, b, c)
+#elif defined(PERI_DOUBLE) && defined(FP_FAST_FMA)
+#define PERI__MAD(a, b, c) fma(a, b, c)
+#else
+#define PERI__MAD(a, b, c) ((a) * (b) + (c))
+#endif
+
+/* A loop over the lanes. Compilers would unroll it before they can make a vector of it. */
+#define PERI__LANES 16
+#if defined(__clang__)
+#define PERI__EACH_OF(l, n) _Pragma("clang loop unroll(disable)") for (l = 0; l < (n); l++)
+#elif defined(__GNUC__) && __GNUC__ >= 8
+#define PERI__EACH_OF(l, n) _Pragma("GCC unroll 1") for (l = 0; l < (n); l++)
+#else
+#define PERI__EACH_OF(l, n) for (l = 0; l < (n); l++)
+#endif
+#define PERI__EACH(l) PERI__EACH_OF(l, PERI__LANES)
+typedef peri_real peri__row[PERI__LANES];
+typedef double peri__row2[PERI__LANES];
+
+/* Roots of n (1 or PERI__LANES) numbers, in place. In pieces as wide as those that the compiler itself makes (clang
+   stays at 256 bits): what was stored in two halves is slow to load as a whole. */
+PERI__INLINE void peri__roots2(int n, double *v) {
+    int l = 0;
+#if defined(__AVX512F__) && !defined(__clang__)
+    for (; l + 7 < n; l += 8) _mm512_storeu_pd(v + l, _mm512_sqrt_pd(_mm512_loadu_pd(v + l)));
+#elif defined(__AVX__)
+    for (; l + 3 < n; l += 4) _mm256_storeu_pd(v + l, _mm256_sqrt_pd(_mm256_loadu_pd(v + l)));
+#elif defined(PERI__SSE2)
+    for (; l + 1 < n; l += 2) _mm_storeu_pd(v + l, _mm_sqrt_pd(_mm_loadu_pd(v + l)));
+#elif defined(PERI__NEON)
+    for (; l + 1 < n; l += 2) vst1q_f64(v + l, vsqrtq_f64(vld1q_f64(v + l)));
+#endif
+    for (; l < n; l++) v[l] = sqrt(v[l]);
+}
+
+#ifdef PERI_DOUBLE
+#define peri__roots(v) peri__roots2(PERI__LANES, v)
+#else
+PERI__INLINE void peri__roots(float *v) {
+    int l = 0;
+#if defined(__AVX512F__) && !defined(__clang__)
+    for (; l < PERI__LANES; l += 16) _mm512_storeu_ps(v + l, _mm512_sqrt_ps(_mm512_loadu_ps(v + l)));
+#elif defined(__AVX__)
+    for (; l < PERI__LANES; l += 8) _mm256_storeu_ps(v + l, _mm256_sqrt_ps(_mm256_loadu_ps(v + l)));
+#elif defined(PERI__SSE2)
+    for (; l < PERI__LANES; l += 4) _mm_storeu_ps(v + l, _mm_sqrt_ps(_mm_loadu_ps(v + l)));
+#elif defined(PERI__NEON)
+    for (; l < PERI__LANES; l += 4) vst1q_f32(v + l, vsqrtq_f32(vld1q_f32(v + l)));
+#endif
+    for (; l < PERI__LANES; l++) v[l] = PERI__SQRT(v[l]);
+}
+#endif
+
+/* log(1 + x) = k ln 2 + 2 z + tail, x > -1, of n numbers: 1 + x = 2^k m, m in [sqrt 1/2, sqrt 2), z = (m - 1)/(m + 1),
+   tail = 2 z (z^2/3 + z^4/5 + ...). Where k is 0, m - 1 is x: no digit of a small x is lost. */
+#define PERI__LOG_PARTS(name, real, word, bits, one, low, terms)                                                       \
+    PERI__INLINE void name(int n, const real *x, real *k, real *z, real *tail) {                                       \
+        static const double term[11] = {1.0 / 3,  1.0 / 5,  1.0 / 7,  1.0 / 9,  1.0 / 11, 1.0 / 13,                    \
+                                        1.0 / 15, 1.0 / 17, 1.0 / 19, 1.0 / 21, 1.0 / 23};                             \
+        real m[PERI__LANES];                                                                                           \
+        word b[PERI__LANES];                                                                                           \
+        int l, t;                                                                                                      \
+        PERI__EACH_OF(l, n) m[l] = 1 + x[l];                                                                           \
+        memcpy(b, m, (size_t)n * sizeof *b);                                                                           \
+        PERI__EACH_OF(l, n) {                                                                                          \
+            word up = (word)(b[l] + ((one) - (low)));                                                                  \
+            k[l] = (real)((int32_t)(up >> (bits)) - (int32_t)((one) >> (bits)));                                       \
+            b[l] = (word)((up & (((word)1 << (bits)) - 1)) + (low));                                                   \
+        }                                                                                                              \
+        memcpy(m, b, (size_t)n * sizeof *b);                                                                           \
+        PERI__EACH_OF(l, n) {                                                                                          \
+            real f = k[l] < 0 || k[l] > 0 ? m[l] - 1 : x[l];                                                           \
+            z[l] = f / (2 + f);                                                                                        \
+            tail[l] = 0;                                                                                               \
+        }                                                                                                              \
+        for (t = (terms) - 1; t >= 0; t--)                                                                             \
+            PERI__EACH_OF(l, n) tail[l] = (tail[l] + (real)term[t]) * (z[l] * z[l]);                                   \
+        PERI__EACH_OF(l, n) tail[l] *= 2 * z[l];                                                                       \
+    }
+PERI__LOG_PARTS(peri__log_parts2, double, uint64_t, 52, 0x3ff0000000000000ULL, 0x3fe6a09e667f3bcdULL, 11)
+#ifdef PERI_DOUBLE
+#define peri__log_parts peri__log_parts2
+#else
+PERI__LOG_PARTS(peri__log_parts, float, uint32_t, 23, 0x3f800000u, 0x3f3504f3u, 5)
+#endif
+
+/* log(1 + x). */
+PERI__INLINE void peri__log1p(int n, const double *x, double *out) {
+    peri__row2 k, z, tail;
+    int l;
+    peri__log_parts2(n, x, k, z, tail);
+    PERI__EACH_OF(l, n) out[l] = k[l] * PERI__LN2_HIGH + (2 * z[l] + (tail[l] + k[l] * PERI__LN2_LOW));
+}
+
+/* x - log(1 + x), to the last digits of its own size. */
+PERI__INLINE void peri__log_excess(int n, const peri_real *x, peri_real *out) {
+    peri__row k, z, tail;
+    int l;
+    peri__log_parts(n, x, k, z, tail);
+    PERI__EACH_OF(l, n) {
+        peri_real far = x[l] - 2 * z[l] - k[l] * PERI__R(0.6931471805599453);
+        out[l] = (k[l] < 0 || k[l] > 0 ? far : z[l] * x[l]) - tail[l];
+    }
+}
+
+/* ---- implementation 2: basis functions ---------------------------------------------------------------------------
    f' of every sum of A_n and B_n is a Laurent polynomial sum c_k s^k, -N <= k <= N: one form for all of them. The three
    that presets use have a short form in the hot loops. */
 
@@ -264,13 +397,6 @@ static double peri__basis_second(const peri__basis *f) {
     return (high - low) / (2 * step);
 }
 
-/* log(1 + x): the series keeps the digits that 1 + x drops. */
-static double peri__log1p(double x) {
-    double z = x / (2 + x), z2 = z * z;
-    if (fabs(x) > 0.1) return peri_log(1 + x);
-    return 2 * z * (1 + z2 * (1 / 3.0 + z2 * (1 / 5.0 + z2 * (1 / 7.0 + z2 * (1 / 9.0 + z2 * (1 / 11.0 + z2 / 13))))));
-}
-
 /* f'(tau) / tau from q - 1 and tau: what a bond force needs. The short forms keep the digits of a small q - 1. */
 static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real tau, peri_real inv_tau) {
     double first;
@@ -288,12 +414,15 @@ static peri_real peri__basis_pull(const peri__basis *f, peri_real dq, peri_real 
 
 /* f(tau) from q - 1 and tau: what a bond's energy needs; short forms as above. */
 static double peri__basis_energy(const peri__basis *f, peri_real dq, peri_real tau) {
-    double first, e = (double)dq / (1 + (double)tau);
+    double first, e = (double)dq / (1 + (double)tau), square = (double)dq, log_q;
     switch (f->form) {
     case PERI__FORM_B1: return (double)f->scale * e * e;
     case PERI__FORM_SVK: return (double)f->scale * (double)dq * (double)dq / 4;
     case PERI__FORM_A1:
-        if (tau >= PERI__R(PERI__S_MIN)) return (double)f->scale / 2 * ((double)dq - peri__log1p((double)dq));
+        if (tau >= PERI__R(PERI__S_MIN)) {
+            peri__log1p(1, &square, &log_q);
+            return (double)f->scale / 2 * (square - log_q);
+        }
         break;
     case PERI__FORM_GENERAL: break;
     }
@@ -309,7 +438,7 @@ double peri_basis_value(const peri_basis *f, double s, double *first) {
     return value;
 }
 
-/* ---- implementation 2: presets and checks ------------------------------------------------------------------------ */
+/* ---- implementation 3: presets and checks ------------------------------------------------------------------------ */
 
 static peri_material peri__material(peri_model model, peri_real young, peri_real poisson, peri_real density) {
     peri_material m;
@@ -485,106 +614,145 @@ peri_result peri_material_check(const peri_material *m, peri_error *err) {
     return bad;
 }
 
-/* ---- implementation 3: laws Psi(C) ------------------------------------------------------------------------------- */
+/* ---- implementation 4: laws Psi(C) -------------------------------------------------------------------------------
+   Of n particles side by side, C - 1 in h; a single one is the first lane. */
 
 /* With h = C - 1: det C - 1 without losing digits, and the cofactors of C. */
-static double peri__det_minus_one(const double h[6], double cofactor[6]) {
-    double c0 = 1 + h[0], c1 = 1 + h[1], c2 = 1 + h[2];
-    cofactor[0] = c1 * c2 - h[3] * h[3];
-    cofactor[1] = c0 * c2 - h[4] * h[4];
-    cofactor[2] = c0 * c1 - h[5] * h[5];
-    cofactor[3] = h[4] * h[5] - c0 * h[3];
-    cofactor[4] = h[3] * h[5] - c1 * h[4];
-    cofactor[5] = h[3] * h[4] - c2 * h[5];
-    return h[0] + h[1] + h[2] + h[0] * h[1] + h[1] * h[2] + h[0] * h[2] - h[3] * h[3] - h[4] * h[4] - h[5] * h[5] +
-           h[0] * (h[1] * h[2] - h[3] * h[3]) - h[1] * h[4] * h[4] - h[2] * h[5] * h[5] + 2 * h[3] * h[4] * h[5];
+PERI__INLINE void peri__cofactors(int n, peri__row2 *h, peri__row2 *cofactor, double *dm) {
+    int l;
+    PERI__EACH_OF(l, n) {
+        double h0 = h[0][l], h1 = h[1][l], h2 = h[2][l], h3 = h[3][l], h4 = h[4][l], h5 = h[5][l];
+        double c0 = 1 + h0, c1 = 1 + h1, c2 = 1 + h2;
+        cofactor[0][l] = c1 * c2 - h3 * h3;
+        cofactor[1][l] = c0 * c2 - h4 * h4;
+        cofactor[2][l] = c0 * c1 - h5 * h5;
+        cofactor[3][l] = h4 * h5 - c0 * h3;
+        cofactor[4][l] = h3 * h5 - c1 * h4;
+        cofactor[5][l] = h3 * h4 - c2 * h5;
+        dm[l] = h0 + h1 + h2 + h0 * h1 + h1 * h2 + h0 * h2 - h3 * h3 - h4 * h4 - h5 * h5 + h0 * (h1 * h2 - h3 * h3) -
+                h1 * h4 * h4 - h2 * h5 * h5 + 2 * h3 * h4 * h5;
+    }
 }
 
-#define PERI__DET_MIN 0.04  /* J = 0.2 */
+#define PERI__DET_MIN 0.04          /* J = 0.2 */
+#define PERI__LOG_J_MIN (-1.6094379124341003)
 
 /* log J of det C = 1 + dm, its derivative by det C; below PERI__DET_MIN the second-order Taylor polynomial. */
-static double peri__log_j(double dm, double *slope) {
+PERI__INLINE void peri__log_j(int n, const double *dm, double *value, double *slope) {
     const double d0 = PERI__DET_MIN;
-    double x = 1 + dm - d0;
-    if (x >= 0) {
-        *slope = 0.5 / (1 + dm);
-        return 0.5 * peri__log1p(dm);
+    peri__row2 clamped;
+    int l;
+    PERI__EACH_OF(l, n) clamped[l] = dm[l] > d0 - 1 ? dm[l] : d0 - 1;
+    peri__log1p(n, clamped, value);
+    PERI__EACH_OF(l, n) {
+        double x = 1 + dm[l] - d0, below = PERI__LOG_J_MIN + 0.5 * x / d0 - 0.25 * x * x / (d0 * d0);
+        slope[l] = x >= 0 ? 0.5 / (1 + clamped[l]) : 0.5 / d0 - 0.5 * x / (d0 * d0);
+        value[l] = x >= 0 ? 0.5 * value[l] : below;
     }
-    *slope = 0.5 / d0 - 0.5 * x / (d0 * d0);
-    return 0.5 * peri_log(d0) + 0.5 * x / d0 - 0.25 * x * x / (d0 * d0);
 }
 
 /* J - 1 of det C = 1 + dm, continued the same way. */
-static double peri__j_minus_one(double dm, double *slope) {
+PERI__INLINE void peri__j_minus_one(int n, const double *dm, double *value, double *slope) {
     const double d0 = PERI__DET_MIN, j0 = 0.2;
-    double x = 1 + dm - d0, j;
-    if (x >= 0) {
-        j = sqrt(1 + dm);
-        *slope = 0.5 / j;
-        return dm / (1 + j);
+    peri__row2 j;
+    int l;
+    PERI__EACH_OF(l, n) j[l] = dm[l] > d0 - 1 ? 1 + dm[l] : d0;
+    peri__roots2(n, j);
+    PERI__EACH_OF(l, n) {
+        double x = 1 + dm[l] - d0, below = j0 - 1 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
+        slope[l] = x >= 0 ? 0.5 / j[l] : 0.5 / j0 - 0.25 * x / (j0 * j0 * j0);
+        value[l] = x >= 0 ? dm[l] / (1 + j[l]) : below;
     }
-    *slope = 0.5 / j0 - 0.25 * x / (j0 * j0 * j0);
-    return j0 - 1 + 0.5 * x / j0 - 0.125 * x * x / (j0 * j0 * j0);
 }
 
-static double peri__law_neo_hookean(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double cofactor[6], slope, log_j, factor;
-    int k;
-    log_j = peri__log_j(peri__det_minus_one(h, cofactor), &slope);
-    factor = (lambda * log_j - mu) * slope;
-    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? mu / 2 : 0);
-    return mu / 2 * (h[0] + h[1] + h[2]) - mu * log_j + lambda / 2 * log_j * log_j;
+PERI__INLINE void peri__law_neo_hookean(int n, double lambda, double mu, peri__row2 *h, peri__row2 *dpsi,
+                                        double *psi) {
+    peri__row2 cofactor[6], dm, log_j, slope;
+    int k, l;
+    peri__cofactors(n, h, cofactor, dm);
+    peri__log_j(n, dm, log_j, slope);
+    PERI__EACH_OF(l, n) {
+        psi[l] = mu / 2 * (h[0][l] + h[1][l] + h[2][l]) - mu * log_j[l] + lambda / 2 * log_j[l] * log_j[l];
+        slope[l] *= lambda * log_j[l] - mu;
+    }
+    for (k = 0; k < 6; k++)
+        PERI__EACH_OF(l, n) dpsi[k][l] = slope[l] * cofactor[k][l] + (k < 3 ? mu / 2 : 0);
 }
 
-static double peri__law_stvk(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double trace = h[0] + h[1] + h[2], squares = 0;
-    int k;
-    for (k = 0; k < 6; k++) {
-        squares += (k < 3 ? 1 : 2) * h[k] * h[k];
-        dpsi[k] = mu / 2 * h[k] + (k < 3 ? lambda / 4 * trace : 0);
+PERI__INLINE void peri__law_stvk(int n, double lambda, double mu, peri__row2 *h, peri__row2 *dpsi, double *psi) {
+    peri__row2 trace;
+    int k, l;
+    PERI__EACH_OF(l, n) {
+        trace[l] = h[0][l] + h[1][l] + h[2][l];
+        psi[l] = lambda / 8 * trace[l] * trace[l];
     }
-    return mu / 4 * squares + lambda / 8 * trace * trace;
+    for (k = 0; k < 6; k++)
+        PERI__EACH_OF(l, n) {
+            psi[l] += (k < 3 ? mu / 4 : mu / 2) * h[k][l] * h[k][l];
+            dpsi[k][l] = mu / 2 * h[k][l] + (k < 3 ? lambda / 4 * trace[l] : 0);
+        }
 }
 
-/* Smith, de Goes, Kim 2018, equation 14 with their reparameterised constants (so that small strain is Hooke's). */
-static double peri__law_stable(double lambda, double mu, const double h[6], double dpsi[6]) {
-    double m = 4 * mu / 3, l = lambda + 5 * mu / 6, beyond = 0.75 * m / l;   /* alpha - 1 */
-    double cofactor[6], slope, j, trace = h[0] + h[1] + h[2], factor;
-    double y = trace / 4, log_y = y > -0.9 ? peri__log1p(y) : 0, inverse = 1 / (1 + y);
-    int k;
-    if (y < -0.9) {     /* I1 can fall below zero in a trial step: the tangent goes on */
-        log_y = peri__log1p(-0.9) + 10 * (y + 0.9);
-        inverse = 10;
+/* Smith, de Goes, Kim 2018, equation 14 with their reparameterised constants (so that small strain is Hooke's). Where
+   I1 falls below zero, as it can in a trial step, the tangent of the logarithm goes on. */
+PERI__INLINE void peri__law_stable(int n, double lambda, double mu, peri__row2 *h, peri__row2 *dpsi, double *psi) {
+    double m = 4 * mu / 3, l0 = lambda + 5 * mu / 6, beyond = 0.75 * m / l0;    /* alpha - 1 */
+    peri__row2 cofactor[6], dm, slope, j, clamped, log_y, pull;
+    int k, l;
+    peri__cofactors(n, h, cofactor, dm);
+    peri__j_minus_one(n, dm, j, slope);
+    PERI__EACH_OF(l, n) {
+        double y = (h[0][l] + h[1][l] + h[2][l]) / 4;
+        clamped[l] = y > -0.9 ? y : -0.9;
     }
-    j = peri__j_minus_one(peri__det_minus_one(h, cofactor), &slope);
-    factor = l * (j - beyond) * slope;
-    for (k = 0; k < 6; k++) dpsi[k] = factor * cofactor[k] + (k < 3 ? m / 2 * (1 - inverse / 4) : 0);
-    return m / 2 * (trace - log_y) + l / 2 * j * (j - 2 * beyond);
+    peri__log1p(n, clamped, log_y);
+    PERI__EACH_OF(l, n) {
+        double trace = h[0][l] + h[1][l] + h[2][l];
+        log_y[l] += (trace / 4 - clamped[l]) * 10;
+        pull[l] = m / 2 * (1 - 1 / (1 + clamped[l]) / 4);
+        psi[l] = m / 2 * (trace - log_y[l]) + l0 / 2 * j[l] * (j[l] - 2 * beyond);
+        slope[l] *= l0 * (j[l] - beyond);
+    }
+    for (k = 0; k < 6; k++)
+        PERI__EACH_OF(l, n) dpsi[k][l] = slope[l] * cofactor[k][l] + (k < 3 ? pull[l] : 0);
+}
+
+PERI__INLINE void peri__law(const peri_material *m, int n, peri__row2 *h, peri__row2 *dpsi, double *psi) {
+    double lambda = (double)m->lambda, mu = (double)m->mu, c[6], d[6];
+    int k, l;
+    switch (m->law) {
+    case PERI_LAW_NEO_HOOKEAN: peri__law_neo_hookean(n, lambda, mu, h, dpsi, psi); return;
+    case PERI_LAW_STVK: peri__law_stvk(n, lambda, mu, h, dpsi, psi); return;
+    case PERI_LAW_STABLE: peri__law_stable(n, lambda, mu, h, dpsi, psi); return;
+    case PERI_LAW_USER: break;
+    }
+    PERI__EACH_OF(l, n) {
+        for (k = 0; k < 6; k++) c[k] = h[k][l] + (k < 3);
+        psi[l] = m->psi(c, d, m->context);
+        for (k = 0; k < 6; k++) dpsi[k][l] = d[k];
+    }
 }
 
 double peri_law_value(const peri_material *m, const double h[6], double dpsi[6]) {
-    double lambda = (double)m->lambda, mu = (double)m->mu, c[6];
+    peri__row2 strain[6], stress[6], psi;
     int k;
-    switch (m->law) {
-    case PERI_LAW_NEO_HOOKEAN: return peri__law_neo_hookean(lambda, mu, h, dpsi);
-    case PERI_LAW_STVK: return peri__law_stvk(lambda, mu, h, dpsi);
-    case PERI_LAW_STABLE: return peri__law_stable(lambda, mu, h, dpsi);
-    case PERI_LAW_USER: break;
-    }
-    for (k = 0; k < 6; k++) c[k] = h[k] + (k < 3);
-    return m->psi(c, dpsi, m->context);
+    for (k = 0; k < 6; k++) strain[k][0] = h[k];
+    peri__law(m, 1, strain, stress, psi);
+    for (k = 0; k < 6; k++) dpsi[k] = stress[k][0];
+    return psi[0];
 }
 
-/* ---- implementation 4: bonds -------------------------------------------------------------------------------------
-   A body's bonds in compressed rows, one array per quantity, so that a later layout (blocks of particles in lockstep)
-   is a permutation of the same arrays. w v_i v_j is symmetric: the bond weight is omega_ij = s_ij c_i / v_i with
-   s_ij = w(r) v_i v_j, c_i = 1 / sum_k w v_k and v = V / d^3, so a particle reads its neighbour's share of a bond from
-   its own row and c_j. */
+/* ---- implementation 5: bonds -------------------------------------------------------------------------------------
+   A body's bonds in compressed rows, one array per quantity. Bodies that are computed in lanes (implementation 9) keep
+   xi, inv_r2 and weight by blocks of 16 particles, bond s of all 16 side by side. w v_i v_j is symmetric: the bond
+   weight is omega_ij = s_ij c_i / v_i with s_ij = w(r) v_i v_j, c_i = 1 / sum_k w v_k and v = V / d^3, so a particle
+   reads its neighbour's share of a bond from its own row and c_j. */
 
 typedef struct peri__bonds {
     int n;
     const int *row;                 /* n + 1 */
     const int *col;                 /* particle at the other end, ascending in a row */
+    const int *start;               /* NULL: the next three lie as col does; else by blocks, see peri__bond_at */
     const peri_real *xi[3];         /* reference vector */
     const peri_real *inv_r2;        /* 1 / |xi|^2 */
     const peri_real *weight;        /* s_ij */
@@ -592,7 +760,9 @@ typedef struct peri__bonds {
     const peri_real *share;         /* c_i */
     const peri_real *volume;        /* v_i */
     const peri_real *shape;         /* 6 n: (sum omega n n)^-1, pseudo-inverse where that is singular */
-    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence); of all sheets the pseudo-inverse */
+    const peri_real *moment;        /* 21 n: M_i^-1 packed (correspondence); of all sheets the pseudo-inverse. Where
+                                       start is not NULL by blocks, see peri__moment_at */
+    const int *lane;                /* n: place of a particle's moment, NULL: its number */
     const peri_real *normal;        /* 3 n: reference normals of a sheet, or NULL */
     const peri_real *plate;         /* 2 plate_rows a bond: bending of a sheet, or NULL. What the bond gives to K_a and
                                        (curved sheets) t_a of its own particle, then of the particle at its other end */
@@ -629,19 +799,26 @@ typedef struct peri__bond {
     peri_real inv_r2, weight, gain;
 } peri__bond;
 
-/* Bond k of the particle at xi (its present position), other end read from x. Differences are taken in double: float
-   positions would have a noise floor of about 1e-2 of the weight of a soft body one metre across. */
-static void peri__bond_load(const peri__bonds *b, int k, const double *xi, const double *x, peri__bond *o) {
-    const double *xj = x + 3 * (size_t)b->col[k];
+/* Where in xi, inv_r2 and weight bond k of particle i is. */
+static size_t peri__bond_at(const peri__bonds *b, int i, int k) {
+    if (!b->start) return (size_t)k;
+    return (size_t)b->start[i / PERI__LANES] + PERI__LANES * (size_t)(k - b->row[i]) + (size_t)(i % PERI__LANES);
+}
+
+/* Bond k of particle i at positions x. Differences are taken in double: float positions would have a noise floor of
+   about 1e-2 of the weight of a soft body one metre across. */
+static void peri__bond_load(const peri__bonds *b, int i, int k, const double *x, peri__bond *o) {
+    const double *xi = x + 3 * (size_t)i, *xj = x + 3 * (size_t)b->col[k];
+    size_t at = peri__bond_at(b, i, k);
     peri_real u[3];
     int c;
     for (c = 0; c < 3; c++) {
-        o->xi[c] = b->xi[c][k];
+        o->xi[c] = b->xi[c][at];
         u[c] = (peri_real)(xj[c] - xi[c] - (double)o->xi[c]);
         o->y[c] = o->xi[c] + u[c];
     }
-    o->inv_r2 = b->inv_r2[k];
-    o->weight = b->weight[k];
+    o->inv_r2 = b->inv_r2[at];
+    o->weight = b->weight[at];
     o->gain = b->gain ? b->gain[k] : 1;
     o->dq = ((2 * o->xi[0] + u[0]) * u[0] + (2 * o->xi[1] + u[1]) * u[1] + (2 * o->xi[2] + u[2]) * u[2]) * o->inv_r2;
 }
@@ -688,7 +865,7 @@ static void peri__gradient(const peri__bonds *b, const double *x, int i, double 
     int bond, c;
     for (bond = b->row[i]; bond < b->row[i + 1]; bond++) {
         peri__bond o;
-        peri__bond_load(b, bond, x + 3 * (size_t)i, x, &o);
+        peri__bond_load(b, i, bond, x, &o);
         for (c = 0; c < 3; c++) {
             peri_real t = o.weight * o.inv_r2 * o.y[c];
             sum[3 * c] += t * o.xi[0];
@@ -722,7 +899,7 @@ typedef void peri__pull(const peri__matter *m, const peri_real *coef, const peri
 typedef void peri__force(const peri__bonds *b, const peri__matter *m, const double *x, int begin, int end,
                          const peri_real *coef, peri_real *f);
 
-/* ---- implementation 5: the stretch model (SH (12), (13)) --------------------------------------------------------- */
+/* ---- implementation 6: the stretch model (SH (12), (13)) --------------------------------------------------------- */
 
 /* coef: unit c ls g'(theta), unit c ms. */
 static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, const double *x, int i, peri_real *coef,
@@ -734,7 +911,7 @@ static double peri__stretch_one(const peri__bonds *b, const peri__matter *m, con
     for (k = b->row[i]; k < b->row[i + 1]; k++) {
         peri__bond o;
         peri_real tau;
-        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        peri__bond_load(b, i, k, x, &o);
         tau = peri__tau(&o);
         sum += o.weight * o.dq / (1 + tau);
         if (energy) bonds += (double)(o.weight * o.gain) * peri__basis_energy(&m->h, o.dq, tau);
@@ -781,7 +958,7 @@ static void peri__stretch_force(const peri__bonds *b, const peri__matter *m, con
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
             const peri_real *cj = coef + 2 * (size_t)b->col[k];
             peri__bond o;
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__bond_load(b, i, k, x, &o);
             both[0] = ci[0] + cj[0];
             both[1] = ci[1] + cj[1];
             if (b->far_gain) {
@@ -799,21 +976,28 @@ static void peri__stretch_force(const peri__bonds *b, const peri__matter *m, con
     }
 }
 
-/* ---- implementation 6: the correspondence model ------------------------------------------------------------------
+/* ---- implementation 7: the correspondence model ------------------------------------------------------------------
    C_i - 1 = H_i = M_i^-1 sum omega (tau^2 - 1) nn, M_i = sum omega nn nn^T: least squares, exact for affine maps.
    Psi_i = Psi(C_i) + t/4 sum omega (tau^2 - n.C_i n)^2 with t = s (15/2) mu. The derivative of the second term through
    C_i vanishes (normal equations), so dPsi_i/d(tau^2) = omega [nn.(M_i^-1 dPsi/dC) + t/2 (tau^2 - n.C_i n)]. */
 
-static void peri__packed6(const peri_real *a, const double in[6], double out[6]) {
+/* Where number k of particle i's moment is. */
+static size_t peri__moment_at(const peri__bonds *b, int i, int k) {
+    int lane = b->lane ? b->lane[i] : i;
+    if (!b->start) return 21 * (size_t)i + (size_t)k;
+    return PERI__LANES * (21 * (size_t)(lane / PERI__LANES) + (size_t)k) + (size_t)(lane % PERI__LANES);
+}
+
+/* out = M_i^-1 in. */
+static void peri__packed6(const peri__bonds *b, int of, const double in[6], double out[6]) {
     int i, j, k = 0;
     for (i = 0; i < 6; i++) out[i] = 0;
-    for (i = 0; i < 6; i++) {
-        for (j = 0; j < i; j++, k++) {
-            out[i] += (double)a[k] * in[j];
-            out[j] += (double)a[k] * in[i];
+    for (i = 0; i < 6; i++)
+        for (j = 0; j <= i; j++, k++) {
+            double a = (double)b->moment[peri__moment_at(b, of, k)];
+            out[i] += a * in[j];
+            if (j < i) out[j] += a * in[i];
         }
-        out[i] += (double)a[k++] * in[i];
-    }
 }
 
 /* Thickness of a sheet takes what value frees it of normal stress: the component of H along the normal N, found such
@@ -863,14 +1047,14 @@ static double peri__strain(const peri__bonds *b, const double *x, int i, double 
     for (k = b->row[i]; k < b->row[i + 1]; k++) {
         peri__bond o;
         peri_real t;
-        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        peri__bond_load(b, i, k, x, &o);
         peri__bond_nn(&o, nn);
         t = o.weight * o.dq;
         for (c = 0; c < 6; c++) a[c] += t * nn[c];
         squares += t * o.dq;
     }
     for (c = 0; c < 6; c++) right[c] = scale * (double)a[c];
-    peri__packed6(b->moment + 21 * (size_t)i, right, h);
+    peri__packed6(b, i, right, h);
     misfit = scale * (double)squares;
     for (c = 0; c < 6; c++) misfit -= h[c] * right[c];
     return misfit;
@@ -900,7 +1084,7 @@ static double peri__correspondence_local(const peri__bonds *b, const peri__matte
             psi = peri_law_value(&own->m, h, dpsi);
         }
         for (c = 3; c < 6; c++) dpsi[c] *= 2;
-        peri__packed6(b->moment + 21 * (size_t)i, dpsi, l);
+        peri__packed6(b, i, dpsi, l);
         for (c = 0; c < 6; c++) out[c] = (peri_real)(scale * (l[c] - t / 2 * h[c]));
         out[6] = (peri_real)(scale * t / 2);
         if (energy) sum += b->unit * (double)b->volume[i] * factor * (psi + t / 4 * misfit);
@@ -930,7 +1114,7 @@ static void peri__correspondence_force(const peri__bonds *b, const peri__matter 
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
             const peri_real *cj = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)b->col[k];
             peri__bond o;
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__bond_load(b, i, k, x, &o);
             for (c = 0; c < 7; c++) both[c] = ci[c] + cj[c];
             peri__correspondence_pull(m, both, &o, t);
             sum[0] += t[0];
@@ -943,7 +1127,7 @@ static void peri__correspondence_force(const peri__bonds *b, const peri__matter 
     }
 }
 
-/* ---- implementation 7: the projective model (PP (8), (10), (11)) -------------------------------------------------
+/* ---- implementation 8: the projective model (PP (8), (10), (11)) -------------------------------------------------
    The local step's targets are r dir(Fbar xi) and r dir(y). PP's force drops the derivative of Fbar; what is minimised
    at fixed targets is sum omega [a |y/r - dir(Fbar n)|^2 + b/2 (tau - 1)^2], which is the energy reported (equal to
    PP (8) for affine maps). */
@@ -971,7 +1155,7 @@ static double peri__projective_energy(const peri__bonds *b, const double *x, int
         peri__bond o;
         peri_real d[3], square = 0;
         double e;
-        peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+        peri__bond_load(b, i, k, x, &o);
         peri__projective_target(f, &o, d);
         for (c = 0; c < 3; c++) square += (o.y[c] - d[c]) * (o.y[c] - d[c]);
         e = (double)(o.dq / (1 + peri__tau(&o)));
@@ -1022,7 +1206,7 @@ static void peri__projective_force(const peri__bonds *b, const peri__matter *m, 
             const peri_real *cj = coef + PERI__PROJECTIVE_STRIDE * (size_t)b->col[k];
             peri__bond o;
             peri_real scale, along, both;
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__bond_load(b, i, k, x, &o);
             peri__projective_target(ci, &o, di);
             peri__projective_target(cj, &o, dj);
             scale = o.weight * o.inv_r2;
@@ -1034,7 +1218,580 @@ static void peri__projective_force(const peri__bonds *b, const peri__matter *m, 
     }
 }
 
-/* ---- implementation 8: the models' table, particles with another energy ------------------------------------------
+/* ---- implementation 9: the models in lanes ----------------------------------------------------------------------
+   What 16 particles gather from their bonds in lockstep: bond number s of each, lane beside lane. Two layouts, which
+   differ only in how a bond is found:
+       lockstep   the bonds' own arrays, which lie so that bond s of a block's particles is one piece of 16; lanes that
+                  have fewer bonds than others are filled with bonds of no weight to the particle itself
+       lattice    bodies whose points stand on a lattice: cells of a grid that ends in empty ones, 16 in a row to a
+                  block (blocks without particles are left out); one stencil of bonds for all, no data per bond, and
+                  what is at the other end is read in one piece. The weight of a bond is w(r) v_i v_j, 0 where a cell is
+                  empty.
+   Positions are displacements from the rest shape as it was put into the world: in float, 32-bit fixed point over the
+   box that they fill, so that their differences are exact; else doubles. Sums over lanes go from the first to the last.
+   Sheets, rods, anisotropic bodies, bodies of several materials or of general basis functions and those too small or
+   too uneven for lanes (peri__lanes.blocks is 0) run the functions above. */
+
+#ifdef PERI_DOUBLE
+typedef double peri__spot;
+#else
+typedef int32_t peri__spot;
+#endif
+
+typedef struct peri__lanes {
+    int blocks;             /* of PERI__LANES lanes; 0: the body has none */
+    int lattice;            /* 1: lattice, 0: lockstep */
+    int length;             /* of x and coef: lanes, or cells */
+    int bonds;              /* of the stencil */
+    int *who;               /* PERI__LANES blocks: the particle in a lane, or -1; ascending */
+    int *lane;              /* n: where a particle's moment lies; lockstep: its own number */
+    int *first;             /* blocks + 1: first particle of a block */
+    int *base;              /* blocks: lattice: its first cell */
+    int *offset;            /* bonds: lattice: from a cell to the other end's */
+    const int *start;       /* blocks + 1: lockstep: first bond of a block, */
+    const int *near;        /* and the particle at the other end of each */
+    const peri_real *xi[3], *inv_r2, *weight;   /* of the bonds, or of the stencil */
+    peri_real *stencil;     /* 11 bonds: where those and nn lie */
+    const peri_real *nn;    /* 6 bonds: lattice: n n^T of each */
+    peri_real *volume;      /* length: lattice: v of a cell, 0: empty */
+    peri__spot *x[3];      /* length */
+    peri_real *coef;        /* stride arrays of length */
+    peri_real unit;         /* m, of x */
+} peri__lanes;
+
+/* The particles of a block themselves. */
+typedef struct peri__own {
+    peri__spot x[3][PERI__LANES];
+    peri__row volume;       /* v, of a lattice, whose bonds leave it out; else 1 */
+    peri__row scale, norm;  /* unit c and c/v times volume; 0 in lanes without a particle that counts */
+    peri__row2 size;        /* unit v, in the same way */
+} peri__own;
+
+/* Bond s of each of them. */
+typedef struct peri__bond16 {
+    const int *near;        /* lockstep */
+    size_t at, k;           /* lattice: first cell at the other end; place in the arrays of bonds */
+    peri__row y[3], dq, weight;
+} peri__bond16;
+
+/* In a loop over lanes l: index of the other end from `at` on, of the bond's constants from k on. */
+#define PERI__FAR(l) (lattice ? (l) : near[l])
+#define PERI__SAME(l) (lattice ? 0 : (l))
+
+PERI__INLINE int peri__lanes_bonds(const peri__lanes *t, int block, int lattice) {
+    return lattice ? t->bonds : (t->start[block + 1] - t->start[block]) / PERI__LANES;
+}
+
+PERI__INLINE size_t peri__lanes_at(const peri__lanes *t, int block, int lattice) {
+    return (size_t)(lattice ? t->base[block] : block * PERI__LANES);
+}
+
+/* mode: of the particles, NULL: all count. */
+PERI__INLINE void peri__lanes_own(const peri__bonds *b, const peri__lanes *t, int block, int lattice,
+                                  const unsigned char *mode, peri__own *o) {
+    size_t at = peri__lanes_at(t, block, lattice);
+    const int *who = t->who + PERI__LANES * (size_t)block;
+    int l, c;
+    for (c = 0; c < 3; c++) PERI__EACH(l) o->x[c][l] = t->x[c][at + (size_t)l];
+    PERI__EACH(l) {
+        int i = who[l] < 0 ? 0 : who[l], counts = who[l] >= 0 && (!mode || mode[i] == PERI__MAIN);
+        peri_real factor = b->factor ? b->factor[i] : 1;
+        o->volume[l] = lattice ? t->volume[at + (size_t)l] : 1;
+        o->scale[l] = counts ? (peri_real)b->unit * b->share[i] * factor : 0;
+        o->norm[l] = counts ? b->share[i] / b->volume[i] * o->volume[l] : 0;
+        o->size[l] = counts ? b->unit * (double)(b->volume[i] * factor) : 0;
+    }
+}
+
+/* Loads bond s. */
+PERI__INLINE void peri__lanes_load(const peri__lanes *t, const peri__own *own, int block, int s, int lattice,
+                                   peri__bond16 *o) {
+    size_t k = lattice ? (size_t)s : (size_t)t->start[block] + PERI__LANES * (size_t)s;
+    size_t at = lattice ? (size_t)(t->base[block] + t->offset[s]) : 0;
+    const int *near = lattice ? NULL : t->near + k;
+    const peri__spot *x0 = t->x[0] + at, *x1 = t->x[1] + at, *x2 = t->x[2] + at;
+    const peri_real *xi0 = t->xi[0] + k, *xi1 = t->xi[1] + k, *xi2 = t->xi[2] + k, *inv_r2 = t->inv_r2 + k;
+    const peri_real *weight = t->weight + k, *volume = t->volume + at;
+    peri_real unit = t->unit;
+    int l;
+    o->near = near;
+    o->at = at;
+    o->k = k;
+    PERI__EACH(l) {
+        int j = PERI__FAR(l), m = PERI__SAME(l);
+        peri_real u0 = (peri_real)(x0[j] - own->x[0][l]) * unit, u1 = (peri_real)(x1[j] - own->x[1][l]) * unit;
+        peri_real u2 = (peri_real)(x2[j] - own->x[2][l]) * unit;
+        o->y[0][l] = xi0[m] + u0;
+        o->y[1][l] = xi1[m] + u1;
+        o->y[2][l] = xi2[m] + u2;
+        u0 *= xi0[m] + o->y[0][l];
+        u0 = PERI__MAD(u1, xi1[m] + o->y[1][l], u0);
+        o->dq[l] = PERI__MAD(u2, xi2[m] + o->y[2][l], u0) * inv_r2[m];
+        o->weight[l] = lattice ? weight[0] * volume[l] : weight[l];
+    }
+}
+
+PERI__INLINE void peri__lanes_tau(const peri__bond16 *o, peri_real *tau) {
+    int l;
+    PERI__EACH(l) {
+        const peri_real q = 1 + o->dq[l];
+        tau[l] = q > PERI__R(1e-12) ? q : PERI__R(1e-12);
+    }
+    peri__roots(tau);
+}
+
+PERI__INLINE void peri__lanes_zero(int n, peri__row *v) {
+    int k, l;
+    for (k = 0; k < n; k++) PERI__EACH(l) v[k][l] = 0;
+}
+
+PERI__INLINE void peri__lanes_put(const peri__lanes *t, const peri__own *own, int block, peri__row *sum, peri_real *f) {
+    const int *who = t->who + PERI__LANES * (size_t)block;
+    int l, c;
+    for (c = 0; c < 3; c++) PERI__EACH(l) sum[c][l] *= own->volume[l];
+    for (l = 0; l < PERI__LANES; l++) {
+        if (who[l] < 0) continue;
+        for (c = 0; c < 3; c++) f[3 * (size_t)who[l] + (size_t)c] = sum[c][l];
+    }
+}
+
+/* f'(tau) of one of the short forms. */
+PERI__INLINE void peri__basis_slope16(const peri__basis *f, const peri_real *dq, const peri_real *tau,
+                                      const peri_real *inverse, peri_real *out) {
+    const peri_real scale = f->scale, least = PERI__R(PERI__S_MIN);
+    const peri_real first = (peri_real)f->first_min, second = (peri_real)f->second_min;
+    int l;
+    if (f->form == PERI__FORM_B1) {
+        PERI__EACH(l) out[l] = 2 * scale * dq[l] / (1 + tau[l]);
+    } else if (f->form == PERI__FORM_SVK) {
+        PERI__EACH(l) out[l] = scale * dq[l] * tau[l];
+    } else {
+        PERI__EACH(l) {
+            peri_real low = first + second * (tau[l] - least), high = scale * dq[l] * inverse[l];
+            out[l] = tau[l] < least ? low : high;
+        }
+    }
+}
+
+/* f(tau) of one of the short forms; e = tau - 1. */
+PERI__INLINE void peri__basis_energy16(const peri__basis *f, const peri_real *dq, const peri_real *tau,
+                                       const peri_real *e, peri_real *out) {
+    const peri_real scale = f->scale, least = PERI__R(PERI__S_MIN), value = (peri_real)f->f_min;
+    const peri_real first = (peri_real)f->first_min, second = (peri_real)f->second_min;
+    peri__row clamped;
+    int l;
+    if (f->form == PERI__FORM_B1) {
+        PERI__EACH(l) out[l] = scale * e[l] * e[l];
+    } else if (f->form == PERI__FORM_SVK) {
+        PERI__EACH(l) out[l] = scale / 4 * dq[l] * dq[l];
+    } else {
+        PERI__EACH(l) clamped[l] = dq[l] > least * least - 1 ? dq[l] : least * least - 1;
+        peri__log_excess(PERI__LANES, clamped, out);
+        PERI__EACH(l) {
+            peri_real ds = tau[l] - least, low = value + ds * (first + ds * second / 2);
+            out[l] = ds < 0 ? low : scale / 2 * out[l];
+        }
+    }
+}
+
+/* Stretch model: coef as of the scalar form. */
+PERI__INLINE double peri__stretch_local_block(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
+                                              int block, int lattice, int energy) {
+    peri__own own;
+    peri__row sum, bonds, tau, inverse, e, value, dq;
+    size_t at = peri__lanes_at(t, block, lattice), length = (size_t)t->length;
+    peri_real *c0 = t->coef + at, *c1 = c0 + length;
+    const peri_real ls = m->m.ls, ms = m->m.ms;
+    int s, l, n = peri__lanes_bonds(t, block, lattice);
+    double total = 0;
+    peri__lanes_own(b, t, block, lattice, b->mode, &own);
+    peri__lanes_zero(1, &sum);
+    peri__lanes_zero(1, &bonds);
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        peri__lanes_load(t, &own, block, s, lattice, &o);
+        peri__lanes_tau(&o, tau);
+        PERI__EACH(l) e[l] = o.dq[l] / (1 + tau[l]);
+        PERI__EACH(l) sum[l] = PERI__MAD(o.weight[l], e[l], sum[l]);
+        if (!energy) continue;
+        peri__basis_energy16(&m->h, o.dq, tau, e, value);
+        PERI__EACH(l) bonds[l] += o.weight[l] * value[l];
+    }
+    PERI__EACH(l) {
+        e[l] = sum[l] * own.norm[l];
+        dq[l] = e[l] * (2 + e[l]);
+        tau[l] = 1 + e[l] > PERI__R(1e-6) ? 1 + e[l] : PERI__R(1e-6);
+        inverse[l] = 1 / tau[l];
+    }
+    peri__basis_slope16(&m->g, dq, tau, inverse, value);
+    PERI__EACH(l) c0[l] = own.scale[l] * ls * value[l];
+    PERI__EACH(l) c1[l] = own.scale[l] * ms;
+    if (!energy) return 0;
+    peri__basis_energy16(&m->g, dq, tau, e, value);
+    PERI__EACH(l) total += own.size[l] * (double)(bonds[l] * own.norm[l] * ms + ls * value[l]);
+    return total;
+}
+
+PERI__INLINE void peri__stretch_force_block(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
+                                            int block, int lattice, peri_real *f) {
+    peri__own own;
+    peri__row sum[3], tau, inverse, slope, own0, own1;
+    size_t at = peri__lanes_at(t, block, lattice), length = (size_t)t->length;
+    int s, l, n = peri__lanes_bonds(t, block, lattice);
+    peri__lanes_own(b, t, block, lattice, b->mode, &own);
+    peri__lanes_zero(3, sum);
+    PERI__EACH(l) own0[l] = t->coef[at + (size_t)l];
+    PERI__EACH(l) own1[l] = t->coef[at + length + (size_t)l];
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        const int *near;
+        const peri_real *far0, *far1, *inv_r2;
+        peri__lanes_load(t, &own, block, s, lattice, &o);
+        peri__lanes_tau(&o, tau);
+        PERI__EACH(l) inverse[l] = 1 / tau[l];
+        peri__basis_slope16(&m->h, o.dq, tau, inverse, slope);
+        near = o.near;
+        far0 = t->coef + o.at;
+        far1 = far0 + length;
+        inv_r2 = t->inv_r2 + o.k;
+        PERI__EACH(l) {
+            int j = PERI__FAR(l);
+            peri_real p = PERI__MAD(own1[l] + far1[j], slope[l], own0[l] + far0[j]);
+            p *= o.weight[l] * inv_r2[PERI__SAME(l)] * inverse[l];
+            sum[0][l] = PERI__MAD(p, o.y[0][l], sum[0][l]);
+            sum[1][l] = PERI__MAD(p, o.y[1][l], sum[1][l]);
+            sum[2][l] = PERI__MAD(p, o.y[2][l], sum[2][l]);
+        }
+    }
+    peri__lanes_put(t, &own, block, sum, f);
+}
+
+/* nn of bond o (see peri__bond_nn) into nn: of each lane, or one for all. */
+PERI__INLINE void peri__lanes_nn(const peri__lanes *t, const peri__bond16 *o, int lattice, peri__row *nn) {
+    const peri_real *xi0 = t->xi[0] + o->k, *xi1 = t->xi[1] + o->k, *xi2 = t->xi[2] + o->k, *inv_r2 = t->inv_r2 + o->k;
+    int l, c;
+    for (c = 0; c < 6 && lattice; c++) nn[c][0] = t->nn[6 * o->k + (size_t)c];
+    if (lattice) return;
+    PERI__EACH(l) {
+        const peri_real x = xi0[l], y = xi1[l], z = xi2[l], a = x * inv_r2[l], b = y * inv_r2[l];
+        nn[0][l] = a * x;
+        nn[1][l] = b * y;
+        nn[2][l] = z * inv_r2[l] * z;
+        nn[3][l] = 2 * b * z;
+        nn[4][l] = 2 * a * z;
+        nn[5][l] = 2 * a * y;
+    }
+}
+
+/* out = M^-1 in of a block's particles; m: 21 rows. out may not be in. */
+PERI__INLINE void peri__packed16(const peri_real *m, peri__row *in, peri__row *out) {
+    static const int place[6][6] = {{0, 1, 3, 6, 10, 15},   {1, 2, 4, 7, 11, 16},   {3, 4, 5, 8, 12, 17},
+                                    {6, 7, 8, 9, 13, 18},   {10, 11, 12, 13, 14, 19}, {15, 16, 17, 18, 19, 20}};
+    int i, l;
+    for (i = 0; i < 6; i++) {
+        const peri_real *m0 = m + PERI__LANES * place[i][0], *m1 = m + PERI__LANES * place[i][1];
+        const peri_real *m2 = m + PERI__LANES * place[i][2], *m3 = m + PERI__LANES * place[i][3];
+        const peri_real *m4 = m + PERI__LANES * place[i][4], *m5 = m + PERI__LANES * place[i][5];
+        peri__row sum;
+        PERI__EACH(l) {
+            peri_real a = PERI__MAD(m1[l], in[1][l], m0[l] * in[0][l]);
+            peri_real c = PERI__MAD(m3[l], in[3][l], m2[l] * in[2][l]);
+            sum[l] = (a + c) + PERI__MAD(m5[l], in[5][l], m4[l] * in[4][l]);
+        }
+        PERI__EACH(l) out[i][l] = sum[l];
+    }
+}
+
+/* H of a block's particles; right: M H; squares: sum omega (tau^2 - 1)^2. */
+PERI__INLINE void peri__strain_block(const peri__bonds *b, const peri__lanes *t, const peri__own *own, int block,
+                                     int lattice, peri__row *h, peri__row *right, peri_real *squares) {
+    int s, l, c, n = peri__lanes_bonds(t, block, lattice);
+    peri__row a[7];
+    peri__lanes_zero(7, a);
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        peri__row nn[6];
+        peri__lanes_load(t, own, block, s, lattice, &o);
+        peri__lanes_nn(t, &o, lattice, nn);
+        PERI__EACH(l) {
+            const int k = PERI__SAME(l);
+            const peri_real p = o.weight[l] * o.dq[l];
+            a[0][l] = PERI__MAD(p, nn[0][k], a[0][l]);
+            a[1][l] = PERI__MAD(p, nn[1][k], a[1][l]);
+            a[2][l] = PERI__MAD(p, nn[2][k], a[2][l]);
+            a[3][l] = PERI__MAD(p, nn[3][k], a[3][l]);
+            a[4][l] = PERI__MAD(p, nn[4][k], a[4][l]);
+            a[5][l] = PERI__MAD(p, nn[5][k], a[5][l]);
+            a[6][l] = PERI__MAD(p, o.dq[l], a[6][l]);
+        }
+    }
+    for (c = 0; c < 6; c++) PERI__EACH(l) right[c][l] = own->norm[l] * a[c][l];
+    PERI__EACH(l) squares[l] = own->norm[l] * a[6][l];
+    peri__packed16(b->moment + 21 * PERI__LANES * (size_t)block, right, h);
+}
+
+/* What follows of H, particle by particle: coefficients and energy. */
+PERI__INLINE double peri__correspondence_point(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
+                                               const peri__own *own, int block, size_t at, peri__row *h,
+                                               peri__row *right, const peri_real *squares, int energy) {
+    const peri_real half = m->stabiliser / 2;
+    peri__row stress[6], l6[6];
+    peri__row2 strain[6], dpsi[6], psi;
+    double total = 0;
+    int l, c;
+    for (c = 0; c < 6; c++) PERI__EACH(l) strain[c][l] = (double)h[c][l];
+    peri__law(&m->m, PERI__LANES, strain, dpsi, psi);
+    for (c = 0; c < 6; c++) {
+        const double twice = c < 3 ? 1 : 2;
+        PERI__EACH(l) stress[c][l] = (peri_real)(twice * dpsi[c][l]);
+    }
+    peri__packed16(b->moment + 21 * PERI__LANES * (size_t)block, stress, l6);
+    for (c = 0; c < 6; c++) {
+        peri_real *out = t->coef + at + (size_t)c * (size_t)t->length;
+        PERI__EACH(l) stress[c][l] = own->scale[l] * (l6[c][l] - half * h[c][l]);
+        PERI__EACH(l) out[l] = stress[c][l];
+    }
+    PERI__EACH(l) t->coef[at + 6 * (size_t)t->length + (size_t)l] = own->scale[l] * half;
+    if (!energy) return 0;
+    PERI__EACH(l) {
+        double misfit = (double)squares[l];
+        for (c = 0; c < 6; c++) misfit -= strain[c][l] * (double)right[c][l];
+        total += own->size[l] * (psi[l] + (double)half / 2 * misfit);
+    }
+    return total;
+}
+
+PERI__INLINE double peri__correspondence_local_block(const peri__bonds *b, const peri__lanes *t,
+                                                     const peri__matter *m, int block, int lattice, int energy) {
+    peri__own own;
+    peri__row h[6], right[6], squares;
+    peri__lanes_own(b, t, block, lattice, b->mode, &own);
+    peri__strain_block(b, t, &own, block, lattice, h, right, squares);
+    return peri__correspondence_point(b, t, m, &own, block, peri__lanes_at(t, block, lattice), h, right, squares,
+                                      energy);
+}
+
+PERI__INLINE void peri__correspondence_force_block(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
+                                                   int block, int lattice, peri_real *f) {
+    peri__own own;
+    peri__row sum[3], mine[7];
+    size_t at = peri__lanes_at(t, block, lattice), length = (size_t)t->length;
+    int s, l, c, n = peri__lanes_bonds(t, block, lattice);
+    (void)m;
+    peri__lanes_own(b, t, block, lattice, b->mode, &own);
+    peri__lanes_zero(3, sum);
+    for (c = 0; c < 7; c++) PERI__EACH(l) mine[c][l] = t->coef[at + (size_t)c * length + (size_t)l];
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        const int *near;
+        const peri_real *inv_r2, *far;
+        peri__row nn[6];
+        peri__lanes_load(t, &own, block, s, lattice, &o);
+        peri__lanes_nn(t, &o, lattice, nn);
+        near = o.near;
+        inv_r2 = t->inv_r2 + o.k;
+        far = t->coef + o.at;
+        PERI__EACH(l) {
+            const peri_real *fj = far + PERI__FAR(l);
+            const int k = PERI__SAME(l);
+            peri_real p = (mine[0][l] + fj[0]) * nn[0][k], p1 = (mine[1][l] + fj[length]) * nn[1][k];
+            p = PERI__MAD(mine[2][l] + fj[2 * length], nn[2][k], p);
+            p1 = PERI__MAD(mine[3][l] + fj[3 * length], nn[3][k], p1);
+            p = PERI__MAD(mine[4][l] + fj[4 * length], nn[4][k], p);
+            p1 = PERI__MAD(mine[5][l] + fj[5 * length], nn[5][k], p1);
+            p = PERI__MAD(mine[6][l] + fj[6 * length], o.dq[l], p) + p1;
+            p *= o.weight[l] * (2 * inv_r2[k]);
+            sum[0][l] = PERI__MAD(p, o.y[0][l], sum[0][l]);
+            sum[1][l] = PERI__MAD(p, o.y[1][l], sum[1][l]);
+            sum[2][l] = PERI__MAD(p, o.y[2][l], sum[2][l]);
+        }
+    }
+    peri__lanes_put(t, &own, block, sum, f);
+}
+
+/* Fbar of a block's particles. */
+PERI__INLINE void peri__gradient_block(const peri__bonds *b, const peri__lanes *t, const peri__own *own, int block,
+                                       int lattice, peri__row *f) {
+    const int *who = t->who + PERI__LANES * (size_t)block;
+    int s, l, c, n = peri__lanes_bonds(t, block, lattice);
+    peri__row g[9], shape[6];
+    peri__lanes_zero(9, g);
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        const peri_real *xi0, *xi1, *xi2, *inv_r2;
+        peri__lanes_load(t, own, block, s, lattice, &o);
+        xi0 = t->xi[0] + o.k;
+        xi1 = t->xi[1] + o.k;
+        xi2 = t->xi[2] + o.k;
+        inv_r2 = t->inv_r2 + o.k;
+        PERI__EACH(l) {
+            const int m = PERI__SAME(l);
+            const peri_real p = o.weight[l] * inv_r2[m], a = p * xi0[m], d = p * xi1[m], e = p * xi2[m];
+            g[0][l] = PERI__MAD(a, o.y[0][l], g[0][l]);
+            g[1][l] = PERI__MAD(d, o.y[0][l], g[1][l]);
+            g[2][l] = PERI__MAD(e, o.y[0][l], g[2][l]);
+            g[3][l] = PERI__MAD(a, o.y[1][l], g[3][l]);
+            g[4][l] = PERI__MAD(d, o.y[1][l], g[4][l]);
+            g[5][l] = PERI__MAD(e, o.y[1][l], g[5][l]);
+            g[6][l] = PERI__MAD(a, o.y[2][l], g[6][l]);
+            g[7][l] = PERI__MAD(d, o.y[2][l], g[7][l]);
+            g[8][l] = PERI__MAD(e, o.y[2][l], g[8][l]);
+        }
+    }
+    PERI__EACH(l) {
+        const peri_real *of = b->shape + 6 * (size_t)(who[l] < 0 ? 0 : who[l]);
+        for (c = 0; c < 6; c++) shape[c][l] = own->norm[l] * of[c];
+    }
+    for (c = 0; c < 9; c += 3)
+        PERI__EACH(l) {
+            const peri_real a = g[c][l], d = g[c + 1][l], e = g[c + 2][l];
+            f[c][l] = a * shape[0][l] + d * shape[5][l] + e * shape[4][l];
+            f[c + 1][l] = a * shape[5][l] + d * shape[1][l] + e * shape[3][l];
+            f[c + 2][l] = a * shape[4][l] + d * shape[3][l] + e * shape[2][l];
+        }
+}
+
+/* F xi of 16 bonds with gradients f into d, |F n| into length (not below 1e-12): see peri__projective_target. */
+PERI__INLINE void peri__target16(const peri__lanes *t, const peri__bond16 *o, int lattice, peri__row *f,
+                                 peri__row *d, peri_real *length) {
+    const peri_real *xi0 = t->xi[0] + o->k, *xi1 = t->xi[1] + o->k, *xi2 = t->xi[2] + o->k, *inv_r2 = t->inv_r2 + o->k;
+    int l;
+    PERI__EACH(l) {
+        const int k = PERI__SAME(l);
+        const peri_real x = xi0[k], y = xi1[k], z = xi2[k];
+        const peri_real d0 = PERI__MAD(f[2][l], z, PERI__MAD(f[1][l], y, f[0][l] * x));
+        const peri_real d1 = PERI__MAD(f[5][l], z, PERI__MAD(f[4][l], y, f[3][l] * x));
+        const peri_real d2 = PERI__MAD(f[8][l], z, PERI__MAD(f[7][l], y, f[6][l] * x));
+        const peri_real square = PERI__MAD(d2, d2, PERI__MAD(d1, d1, d0 * d0)) * inv_r2[k];
+        d[0][l] = d0;
+        d[1][l] = d1;
+        d[2][l] = d2;
+        length[l] = square > PERI__R(1e-24) ? square : PERI__R(1e-24);
+    }
+    peri__roots(length);
+}
+
+PERI__INLINE double peri__projective_local_block(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
+                                                 int block, int lattice, int energy) {
+    peri__own own;
+    peri__row f[9], d[3], tau, length_d, sum;
+    size_t at = peri__lanes_at(t, block, lattice), length = (size_t)t->length;
+    const peri_real a = m->m.a, half_b = m->m.b / 2;
+    int s, l, c, n = energy ? peri__lanes_bonds(t, block, lattice) : 0;
+    double total = 0;
+    peri__lanes_own(b, t, block, lattice, b->mode, &own);
+    peri__gradient_block(b, t, &own, block, lattice, f);
+    for (c = 0; c < 9; c++) {
+        peri_real *out = t->coef + at + (size_t)c * length;
+        PERI__EACH(l) out[l] = f[c][l];
+    }
+    PERI__EACH(l) t->coef[at + 9 * length + (size_t)l] = own.scale[l] * 2 * a;
+    PERI__EACH(l) t->coef[at + 10 * length + (size_t)l] = own.scale[l] * 2 * half_b;
+    peri__lanes_zero(1, &sum);
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        const peri_real *inv_r2;
+        peri__lanes_load(t, &own, block, s, lattice, &o);
+        peri__lanes_tau(&o, tau);
+        peri__target16(t, &o, lattice, f, d, length_d);
+        inv_r2 = t->inv_r2 + o.k;
+        PERI__EACH(l) {
+            const peri_real inverse = 1 / length_d[l], e = o.dq[l] / (1 + tau[l]);
+            const peri_real d0 = o.y[0][l] - inverse * d[0][l], d1 = o.y[1][l] - inverse * d[1][l];
+            const peri_real d2 = o.y[2][l] - inverse * d[2][l];
+            const peri_real square = (d0 * d0 + d1 * d1 + d2 * d2) * inv_r2[PERI__SAME(l)];
+            sum[l] += o.weight[l] * (a * square + half_b * e * e);
+        }
+    }
+    PERI__EACH(l) total += own.size[l] * (double)(own.norm[l] * sum[l]);
+    return total;
+}
+
+PERI__INLINE void peri__projective_force_block(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
+                                               int block, int lattice, peri_real *f) {
+    peri__own own;
+    peri__row sum[3], mine[11], far[11], di[3], dj[3], tau, length_i, length_j;
+    size_t at = peri__lanes_at(t, block, lattice), length = (size_t)t->length;
+    int s, l, c, n = peri__lanes_bonds(t, block, lattice);
+    (void)m;
+    peri__lanes_own(b, t, block, lattice, b->mode, &own);
+    peri__lanes_zero(3, sum);
+    for (c = 0; c < 11; c++) PERI__EACH(l) mine[c][l] = t->coef[at + (size_t)c * length + (size_t)l];
+    for (s = 0; s < n; s++) {
+        peri__bond16 o;
+        const int *near;
+        const peri_real *inv_r2;
+        peri__lanes_load(t, &own, block, s, lattice, &o);
+        near = o.near;
+        inv_r2 = t->inv_r2 + o.k;
+        for (c = 0; c < 11; c++) {
+            const peri_real *from = t->coef + o.at + (size_t)c * length;
+            PERI__EACH(l) far[c][l] = from[PERI__FAR(l)];
+        }
+        peri__lanes_tau(&o, tau);
+        peri__target16(t, &o, lattice, mine, di, length_i);
+        peri__target16(t, &o, lattice, far, dj, length_j);
+        PERI__EACH(l) {
+            const peri_real scale = o.weight[l] * inv_r2[PERI__SAME(l)], both = mine[10][l] + far[10][l];
+            const peri_real ends = length_i[l] * length_j[l], inverse = 1 / (ends * tau[l]);    /* one division */
+            const peri_real a = mine[9][l] * (inverse * tau[l] * length_j[l]);
+            const peri_real d = far[9][l] * (inverse * tau[l] * length_i[l]);
+            const peri_real along = PERI__MAD(-both, inverse * ends, mine[9][l] + far[9][l] + both);
+            const peri_real p0 = PERI__MAD(along, o.y[0][l], PERI__MAD(-a, di[0][l], -d * dj[0][l]));
+            const peri_real p1 = PERI__MAD(along, o.y[1][l], PERI__MAD(-a, di[1][l], -d * dj[1][l]));
+            const peri_real p2 = PERI__MAD(along, o.y[2][l], PERI__MAD(-a, di[2][l], -d * dj[2][l]));
+            sum[0][l] = PERI__MAD(scale, p0, sum[0][l]);
+            sum[1][l] = PERI__MAD(scale, p1, sum[1][l]);
+            sum[2][l] = PERI__MAD(scale, p2, sum[2][l]);
+        }
+    }
+    peri__lanes_put(t, &own, block, sum, f);
+}
+
+/* Local and force of a model over blocks begin .. end - 1, for either layout. local returns their energy, J. */
+typedef double peri__lanes_local(const peri__bonds *b, const peri__lanes *t, const peri__matter *m, int begin, int end,
+                                 int energy);
+typedef void peri__lanes_force(const peri__bonds *b, const peri__lanes *t, const peri__matter *m, int begin, int end,
+                               peri_real *f);
+
+#define PERI__LANES_MODEL(name)                                                                                        \
+    static double peri__##name##_lanes_local(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,        \
+                                             int begin, int end, int energy) {                                         \
+        double sum = 0;                                                                                                \
+        int q;                                                                                                         \
+        for (q = begin; q < end; q++)                                                                                  \
+            sum += t->lattice ? peri__##name##_local_block(b, t, m, q, 1, energy)                                      \
+                              : peri__##name##_local_block(b, t, m, q, 0, energy);                                     \
+        return sum;                                                                                                    \
+    }                                                                                                                  \
+    static void peri__##name##_lanes_force(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,          \
+                                           int begin, int end, peri_real *f) {                                         \
+        int q;                                                                                                         \
+        for (q = begin; q < end; q++) {                                                                                \
+            if (t->lattice) peri__##name##_force_block(b, t, m, q, 1, f);                                              \
+            else peri__##name##_force_block(b, t, m, q, 0, f);                                                         \
+        }                                                                                                              \
+    }
+PERI__LANES_MODEL(projective)
+PERI__LANES_MODEL(stretch)
+PERI__LANES_MODEL(correspondence)
+
+/* Fbar (9) of the particles of a block, and C - 1 (6) where h is not NULL. */
+PERI__SHARED void peri__lanes_fit(const peri__bonds *b, const peri__lanes *t, int block, peri__row *f, peri__row *h) {
+    peri__row right[6], squares;
+    peri__own own;
+    if (t->lattice) {
+        peri__lanes_own(b, t, block, 1, NULL, &own);
+        peri__gradient_block(b, t, &own, block, 1, f);
+        if (h) peri__strain_block(b, t, &own, block, 1, h, right, squares);
+    } else {
+        peri__lanes_own(b, t, block, 0, NULL, &own);
+        peri__gradient_block(b, t, &own, block, 0, f);
+        if (h) peri__strain_block(b, t, &own, block, 0, h, right, squares);
+    }
+}
+
+/* ---- implementation 10: the models' table, particles with another energy ------------------------------------------
    A new material is a row here and its functions above. */
 
 typedef struct peri__model_row {
@@ -1043,14 +1800,18 @@ typedef struct peri__model_row {
     peri__local *local;
     peri__pull *pull;
     peri__force *force;
+    peri__lanes_local *lanes_local;
+    peri__lanes_force *lanes_force;
 } peri__model_row;
 
 PERI__SHARED const peri__model_row *peri__model(peri_model model) {
     static const peri__model_row table[3] = {
-        {"projective", PERI__PROJECTIVE_STRIDE, peri__projective_local, peri__projective_pull, peri__projective_force},
-        {"stretch", 2, peri__stretch_local, peri__stretch_pull, peri__stretch_force},
+        {"projective", PERI__PROJECTIVE_STRIDE, peri__projective_local, peri__projective_pull, peri__projective_force,
+         peri__projective_lanes_local, peri__projective_lanes_force},
+        {"stretch", 2, peri__stretch_local, peri__stretch_pull, peri__stretch_force, peri__stretch_lanes_local,
+         peri__stretch_lanes_force},
         {"correspondence", PERI__CORRESPONDENCE_STRIDE, peri__correspondence_local, peri__correspondence_pull,
-         peri__correspondence_force}};
+         peri__correspondence_force, peri__correspondence_lanes_local, peri__correspondence_lanes_force}};
     return &table[(int)model];
 }
 
@@ -1084,7 +1845,7 @@ PERI__SHARED double peri__special_local(const peri__bonds *b, const peri__matter
         for (k = b->row[i]; k < b->row[i + 1]; k++) {
             peri__bond o;
             peri_real t[3];
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__bond_load(b, i, k, x, &o);
             peri__special_pull(b, m, i, &o, t);
             if (!(o.weight > 0)) continue;
             /* |t|^2 / (4 k c s / r^2) is this bond's energy */
@@ -1106,7 +1867,7 @@ PERI__SHARED void peri__special_force(const peri__bonds *b, const peri__matter *
             peri__bond o;
             peri_real t[3];
             if (b->mode[i] == PERI__MAIN && b->mode[j] == PERI__MAIN) continue;
-            peri__bond_load(b, k, x + 3 * (size_t)i, x, &o);
+            peri__bond_load(b, i, k, x, &o);
             if (b->mode[i] != PERI__MAIN) {
                 peri__special_pull(b, m, i, &o, t);
                 for (c = 0; c < 3; c++) f[3 * (size_t)i + (size_t)c] += t[c];
@@ -1240,6 +2001,27 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
     return bad;
 }
 
+/* |C - 1|^2 of a block's particles as peri__unhealthy sums it, huge where det Fbar is not positive: below 1/4 a
+   particle is in shape, and nobody need look closer. strain: the correspondence model's C - 1 counts too. */
+PERI__SHARED void peri__lanes_away(const peri__bonds *b, const peri__lanes *t, int block, int strain,
+                                   peri_real *away) {
+    peri__row f[9], h[6];
+    int l, c;
+    peri__lanes_fit(b, t, block, f, strain ? h : NULL);
+    PERI__EACH(l) {
+        const peri_real a = f[0][l], d = f[1][l], e = f[2][l], g = f[3][l], i = f[4][l], j = f[5][l];
+        const peri_real o = f[6][l], p = f[7][l], q = f[8][l], det = a * (i * q - j * p) + d * (j * o - g * q) +
+                                                                     e * (g * p - i * o);
+        const peri_real c0 = a * a + g * g + o * o - 1, c1 = d * d + i * i + p * p - 1, c2 = e * e + j * j + q * q - 1;
+        const peri_real c3 = d * e + i * j + p * q, c4 = a * e + g * j + o * q, c5 = a * d + g * i + o * p;
+        away[l] = c0 * c0 + c1 * c1 + c2 * c2 + 2 * (c3 * c3 + c4 * c4 + c5 * c5) + (det > 0 ? 0 : PERI__R(1e9));
+    }
+    for (c = 0; c < 6 && strain; c++) {
+        const peri_real twice = c < 3 ? 1 : 2;
+        PERI__EACH(l) away[l] += twice * h[c][l] * h[c][l];
+    }
+}
+
 /* The same for a sheet, whose metric h alone can be out of shape: folds and mirror images are none. normal: of the
    plane of its bonds at rest; f is completed by it. */
 PERI__SHARED int peri__unhealthy_sheet(const peri__matter *m, const double f[9], const double h[6],
@@ -1262,7 +2044,7 @@ PERI__SHARED int peri__unhealthy_sheet(const peri__matter *m, const double f[9],
     return 1;
 }
 
-/* ---- implementation 9: plates -------------------------------------------------------------------------------------
+/* ---- implementation 11: plates -----------------------------------------------------------------------------------
    Bending of one layer of points. From its bonds alone a particle knows how the surface through it is curved:
    y = G p + K q is fitted by least squares (weights omega/r^4) over its tangent plane, p = (xi0, xi1),
    q = (xi0^2/2, xi1^2/2, xi0 xi1/sqrt 2), so that K = (K00, K11, sqrt 2 K01), a vector each, is linear in y and exact
@@ -1511,7 +2293,7 @@ PERI__SHARED double peri__plate_make(const peri__bonds *b, int i, double d, doub
     return sum;
 }
 
-/* ---- implementation 10: a material point ------------------------------------------------------------------------- */
+/* ---- implementation 12: a material point ------------------------------------------------------------------------- */
 
 /* Adds what one direction n, of weight w, gives to theta, or to the energy and stress once theta is known. */
 static double peri__point_direction(const peri__matter *m, const double f[9], const double n[3], double w, double slope,

@@ -155,8 +155,8 @@ static void inner_forces_keep_momentum(void) {
 }
 
 /* A factor 2 or 1/2 on the stiffness is a material of twice or half the moduli: doubling is exact, so the forces differ
-   by nothing but what (peri_real) roundings of constants do, and they have none. After ten steps: the solver's sums are
-   the same too. */
+   by nothing but the order of sums: a body of several materials is computed particle by particle, the other in lanes (26
+   terms of either sign, each rounded a few times: 16 EPS of the largest). */
 static void stiffness_is_modulus(void) {
     static const int kind[4] = {M_PROJECTIVE, M_LINEAR, M_STVK, M_NEO_HOOKEAN};
     int t, i, k;
@@ -192,7 +192,7 @@ static void stiffness_is_modulus(void) {
         }
         printf("    %s: forces differ by %.3g of the largest, positions after 10 steps by %.3g d\n",
                material_name[kind[t]], differ / most, moved / 0.1);
-        NEAR(differ / most, 0, 4 * EPS);
+        NEAR(differ / most, 0, 16 * EPS);
         NEAR(moved / 0.1, 0, 1e4 * EPS);
     }
 }

@@ -1,0 +1,195 @@
+/* tests/bench/loops.c - the hot loops by themselves: million directed bonds a second and core, for every kernel and
+   layout, and the pointwise part of the correspondence model in ns a particle. A block of 29^3 = 24 389 particles of 26
+   neighbours, shaken; horizon 3.01 (122 neighbours) with `full` as the second argument. Processor time of one thread,
+   minimum over repetitions of 25 ms and more. scalar: particle by particle; lockstep, lattice: see peri_material.h.
+   Targets are for -O3 -march=native with AVX-512. Prints a table, writes CSV to the file named as the first
+   argument. */
+#define PERI_IMPLEMENTATION
+#include "../../peri.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+enum { SCALAR, LOCKSTEP, LATTICE, LAYOUTS };
+static const char *const layout_name[LAYOUTS] = {"scalar", "lockstep", "lattice"};
+
+static double now(void) {
+#ifdef CLOCK_THREAD_CPUTIME_ID
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+#else
+    return (double)clock() / CLOCKS_PER_SEC;
+#endif
+}
+
+typedef struct scene {
+    peri_world *w;
+    peri__body *b;
+    peri__pass p;
+    peri_real *f;
+    int layout;
+} scene;
+
+static int make(scene *s, int n, double horizon, const peri_material *m, int layout) {
+    peri_world_def wd = peri_default_world_def();
+    peri_body_def bd = peri_default_body_def();
+    int i, j, k, c = 0, count = n * n * n;
+    peri_real *x = (peri_real *)malloc(3 * sizeof *x * (size_t)count);
+    unsigned seed = 1;
+    s->w = peri_world_create(&wd, NULL);
+    bd.spacing = (peri_real)(1.0 / n);
+    bd.horizon = (peri_real)horizon;
+    if (horizon > 2) bd.kernel_power = 1;
+    for (k = 0; k < n; k++)
+        for (j = 0; j < n; j++)
+            for (i = 0; i < n; i++, c++) {
+                x[3 * c] = (peri_real)i * bd.spacing;
+                x[3 * c + 1] = (peri_real)j * bd.spacing;
+                x[3 * c + 2] = (peri_real)k * bd.spacing;
+            }
+    bd.points = x;
+    bd.count = count;
+    bd.material = peri_material_create(s->w, m);
+    if (!peri_body_create(s->w, &bd).index1) return 0;
+    s->b = peri__body_at(s->w, 0);
+    for (i = 0; i < 3 * count; i++) {
+        seed = seed * 1664525u + 1013904223u;
+        s->w->x[i] += 0.1 / n * ((seed >> 8) / 16777216.0 - 0.5);
+    }
+    if (layout == LOCKSTEP && peri__lattice_leave(s->w, s->b)) return 0;
+    if (layout == SCALAR) s->b->lanes.blocks = 0;       /* reads what is laid out for lanes */
+    s->f = x;
+    s->layout = layout;
+    peri__pass_begin(&s->p, s->w, s->b, x);
+    if (layout != SCALAR && (!peri__lanes_place(s->w, s->b, s->p.x) || s->b->lanes.lattice != (layout == LATTICE)))
+        return 0;
+    return 1;
+}
+
+static void unmake(scene *s) {
+    free(s->f);
+    peri_world_destroy(s->w);
+}
+
+static volatile double sink;
+
+/* One pass: 0 local, 1 local with energy, 2 force, 3 positions into lanes, 4 a whole evaluation. */
+static void pass(scene *s, int kind) {
+    peri__lanes *t = &s->b->lanes;
+    int n = s->b->count;
+    if (kind == 4) {
+        sink = peri__pass_run(&s->p);
+    } else if (kind == 3) {
+        sink = peri__lanes_place(s->w, s->b, s->p.x);
+    } else if (s->layout == SCALAR) {
+        if (kind == 2) s->p.row->force(s->p.bonds, &s->b->matter, s->p.x, 0, n, peri__coef(s->w, s->b), s->f);
+        else sink = s->p.row->local(s->p.bonds, &s->b->matter, s->p.x, 0, n, peri__coef(s->w, s->b), kind);
+    } else {
+        if (kind == 2) s->p.row->lanes_force(s->p.bonds, t, &s->b->matter, 0, t->blocks, s->f);
+        else sink = s->p.row->lanes_local(s->p.bonds, t, &s->b->matter, 0, t->blocks, kind);
+    }
+}
+
+/* Seconds of one pass. */
+static double measure(scene *s, int kind) {
+    double best = 1e9, start = now(), at, spent;
+    int repeats, k;
+    pass(s, kind);
+    at = now() - start;
+    repeats = (int)(0.025 / (at > 1e-6 ? at : 1e-6)) + 1;
+    start = now();
+    do {
+        at = now();
+        for (k = 0; k < repeats; k++) pass(s, kind);
+        spent = (now() - at) / repeats;
+        if (spent < best) best = spent;
+    } while (now() - start < 0.3);
+    return best;
+}
+
+/* ns a particle of what the correspondence model does between its two gathers. */
+static double pointwise(scene *s) {
+    const peri__bonds *b = s->p.bonds;
+    peri__lanes *t = &s->b->lanes;
+    peri__row h[6], right[6], squares;
+    double best = 1e9, at, start = now();
+    int q, l, c, k;
+    for (c = 0; c < 6; c++)
+        for (l = 0; l < PERI__LANES; l++) right[c][l] = PERI__R(1e-3) * (peri_real)(c + l % 3), squares[l] = 0;
+    do {
+        at = now();
+        for (k = 0; k < 20; k++)
+            for (q = 0; q < t->blocks; q++) {
+                peri__own own;
+                peri__lanes_own(b, t, q, 0, b->mode, &own);
+                peri__packed16(b->moment + 21 * PERI__LANES * (size_t)q, right, h);
+                peri__correspondence_point(b, t, &s->b->matter, &own, q, (size_t)q * PERI__LANES, h, right, squares, 0);
+            }
+        at = 1e9 * (now() - at) / 20 / s->b->count;
+        if (at < best) best = at;
+    } while (now() - start < 0.3);
+    return best;
+}
+
+static int missed;
+
+static void target(FILE *csv, const char *name, double value, double wanted, int less) {
+    int good = less ? value <= wanted : value >= wanted;
+    missed += !good;
+    printf("target %-34s %8.1f, wanted %s %6.0f: %s\n", name, value, less ? "<=" : ">=", wanted,
+           good ? "reached" : "MISSED");
+    if (csv) fprintf(csv, "target %s,,,%g,%g,%s\n", name, value, wanted, good ? "reached" : "MISSED");
+}
+
+int main(int argc, char **argv) {
+    static const char *const kind_name[5] = {"local", "local+energy", "force", "place", "evaluation"};
+    static const char *const model[4] = {"stretch B1", "stretch A1", "correspondence", "projective"};
+    int full = argc > 2 && strcmp(argv[2], "full") == 0, h, k, layout, kind, size = 29;
+    FILE *csv = argc > 1 ? fopen(argv[1], "w") : NULL;
+    double force[4][LAYOUTS], point = 0;
+    peri_material m[4];
+    m[0] = peri_material_linear(1e5f, 0.3f, 1000);
+    m[1] = peri_material_neo_hookean_papers(1e5f, 0.3f, 1000);
+    m[2] = peri_material_neo_hookean(1e5f, 0.3f, 1000);
+    m[3] = peri_material_projective(1e5f, 0.5f, 1000);
+    if (csv) fprintf(csv, "model,layout,horizon,kernel,mbonds_per_s,ms\n");
+    printf("M bonds/s (place: ns a particle)\n%-15s %-9s %7s", "model", "layout", "horizon");
+    for (kind = 0; kind < 5; kind++) printf(" %12s", kind_name[kind]);
+    printf("\n");
+    for (h = 0; h <= full; h++)
+        for (k = 0; k < 4; k++)
+            for (layout = 0; layout < LAYOUTS; layout++) {
+                scene s;
+                memset(&s, 0, sizeof s);
+                if (!make(&s, size, h ? 3.01 : 1.75, &m[k], layout)) {
+                    printf("no %s layout\n", layout_name[layout]);
+                    return 1;
+                }
+                s.p.energy = 0;
+                printf("%-15s %-9s %7.2f", model[k], layout_name[layout], h ? 3.01 : 1.75);
+                for (kind = 0; kind < 5; kind++) {
+                    double time = kind == 3 && layout == SCALAR ? 0 : measure(&s, kind), bonds = s.w->bonds;
+                    double value = kind == 3 ? 1e9 * time / s.b->count : 1e-6 * bonds / time;
+                    printf(" %12.1f", value);
+                    fflush(stdout);
+                    if (kind == 2 && !h) force[k][layout] = value;
+                    if (csv)
+                        fprintf(csv, "%s,%s,%g,%s,%g,%g\n", model[k], layout_name[layout], h ? 3.01 : 1.75,
+                                kind_name[kind], value, 1e3 * time);
+                }
+                printf("\n");
+                if (k == 2 && layout == LOCKSTEP && !h) point = pointwise(&s);
+                unmake(&s);
+            }
+    target(csv, "lockstep stretch A1 force, M/s", force[1][LOCKSTEP], 530, 0);
+    target(csv, "lockstep correspondence force", force[2][LOCKSTEP], 400, 0);
+    target(csv, "lockstep projective force", force[3][LOCKSTEP], 260, 0);
+    target(csv, "lattice stretch A1 force", force[1][LATTICE], 3300, 0);
+    target(csv, "lattice correspondence force", force[2][LATTICE], 2700, 0);
+    target(csv, "lattice projective force", force[3][LATTICE], 1000, 0);
+    target(csv, "pointwise, ns a particle", point, 12, 1);
+    printf("%d targets missed\n", missed);
+    if (csv) fclose(csv);
+    return 0;
+}
