@@ -1127,7 +1127,7 @@ static double peri__row1(const peri_matrix *a, int rhs, const peri_real *PERI__R
     return y;
 }
 
-static void peri__row(const peri_matrix *a, int rhs, const peri_real *x, int i, double y[3]) {
+static void peri__row_times(const peri_matrix *a, int rhs, const peri_real *x, int i, double y[3]) {
     int c;
     if (rhs == 3) {
         peri__row3(a, x, i, y);
@@ -1239,7 +1239,7 @@ static void peri__chebyshev_residual(int begin, int end, void *context) {
     for (i = begin; i < end; i++) {
         peri_real *r = t->residual + t->rhs * (ptrdiff_t)i;
         double y[3], inverse = 1 / (double)t->a->diagonal[i];
-        peri__row(t->a, t->rhs, t->step, i, y);
+        peri__row_times(t->a, t->rhs, t->step, i, y);
         for (c = 0; c < t->rhs; c++) r[c] = (peri_real)((double)r[c] - y[c] * inverse);
     }
 }
@@ -1449,7 +1449,7 @@ static void peri__cg_residual_rows(int begin, int end, void *context) {
         for (i = block * t->block; i < peri__sweep_end(t, block); i++) {
             ptrdiff_t at = t->rhs * (ptrdiff_t)i;
             double y[3];
-            peri__row(t->a, t->rhs, t->in, i, y);
+            peri__row_times(t->a, t->rhs, t->in, i, y);
             for (c = 0; c < t->rhs; c++) {
                 double r = (double)t->b[at + c] - y[c];
                 t->out[at + c] = (peri_real)r;
@@ -1481,7 +1481,7 @@ static void peri__cg_product_rows(int begin, int end, void *context) {
         for (i = block * t->block; i < peri__sweep_end(t, block); i++) {
             ptrdiff_t at = t->rhs * (ptrdiff_t)i;
             double y[3];
-            peri__row(t->a, t->rhs, t->in, i, y);
+            peri__row_times(t->a, t->rhs, t->in, i, y);
             for (c = 0; c < t->rhs; c++) {
                 t->out[at + c] = (peri_real)y[c];
                 sum += y[c] * (double)t->in[at + c];
@@ -1726,7 +1726,7 @@ static void peri__relax_rows(int begin, int end, void *context) {
         for (i = block * t->block; i < peri__sweep_end(t, block); i++) {
             ptrdiff_t at = t->rhs * (ptrdiff_t)i;
             double y[3], inverse = 1 / (double)t->a->diagonal[i], square = 0;
-            peri__row(t->a, t->rhs, t->in, i, y);
+            peri__row_times(t->a, t->rhs, t->in, i, y);
             for (c = 0; c < t->rhs; c++) {
                 double r = (double)t->b[at + c] - y[c];
                 square += r * r;
@@ -2403,11 +2403,11 @@ void peri_sparse_destroy(peri_sparse *s) {
 #endif
 #ifdef PERI__VECTOR
 typedef peri_real peri__reg __attribute__((vector_size(PERI__VECTOR), may_alias));
-#define PERI__LANES ((int)(PERI__VECTOR / sizeof(peri_real)))
+#define PERI__REGISTER ((int)(PERI__VECTOR / sizeof(peri_real)))
 #else
 typedef peri_real peri__reg;
 #define PERI__TILE 4
-#define PERI__LANES 1
+#define PERI__REGISTER 1
 #endif
 
 #if defined(__AVX512F__) || defined(__FMA__)
@@ -2445,7 +2445,7 @@ PERI__INLINE peri__reg peri__less(peri__reg c, peri__reg a, peri__reg b) {
 
 /* Columns of L with the same rows below them form a supernode, and PERI__WIDTH columns of it at most a panel: column c
    of the panel has the rows[row + k], k < height, of which the first `width` are the panel's own columns. Its values
-   stand in blocks of PERI__LANES rows, in a block column by column: entry (k, c) is
+   stand in blocks of PERI__REGISTER rows, in a block column by column: entry (k, c) is
    value[at + (k / lanes * width + c) * lanes + k % lanes]. What lies above the diagonal is 0; on it stand the inverses
    of its blocks of PERI__TILE columns. */
 typedef struct peri__panel {
@@ -2499,7 +2499,7 @@ typedef struct peri__bench {
     double pivot;
 } peri__bench;
 
-#define PERI__TILE_BYTES (2 * PERI__TILE * PERI__LANES * sizeof(peri_real))
+#define PERI__TILE_BYTES (2 * PERI__TILE * PERI__REGISTER * sizeof(peri_real))
 #define PERI__RIGHT_BYTES (PERI__WIDTH * PERI__TILE * sizeof(peri_real))
 
 static size_t peri__align(size_t bytes) { return (bytes + 63) / 64 * 64; }
@@ -3175,7 +3175,7 @@ static void peri__rows(const peri__plan *p, const size_t *list, int *size, int *
    stand under those of the next. */
 static int peri__panels_of(const peri__group *g, int *width) {
     int count = (g->width + PERI__WIDTH - 1) / PERI__WIDTH;
-    *width = ((g->width + count - 1) / count + PERI__LANES - 1) / PERI__LANES * PERI__LANES;
+    *width = ((g->width + count - 1) / count + PERI__REGISTER - 1) / PERI__REGISTER * PERI__REGISTER;
     return (g->width + *width - 1) / *width;
 }
 
@@ -3194,7 +3194,7 @@ static void peri__panels(const peri__plan *p, const size_t *list) {
             to->part = g->part;
             to->row = list[k] + (size_t)c;
             to->at = at;
-            at += (size_t)((to->height + PERI__LANES - 1) / PERI__LANES * PERI__LANES) * (size_t)to->width;
+            at += (size_t)((to->height + PERI__REGISTER - 1) / PERI__REGISTER * PERI__REGISTER) * (size_t)to->width;
             to->inner = to->part == PERI__PARTS ? to->height : to->width;
             while (to->inner < to->height && s->rows[to->row + (size_t)to->inner] < s->part[PERI__PARTS]) to->inner++;
             count++;
@@ -3517,7 +3517,7 @@ PERI__TILE_DEFINE(add, PERI__ADD2, PERI__ADD1)
 
 /* Where entry (row, c) of a panel stands. */
 PERI__INLINE size_t peri__entry(const peri__panel *p, int row, int c) {
-    return ((size_t)(row / PERI__LANES) * (size_t)p->width + (size_t)c) * PERI__LANES + (size_t)(row % PERI__LANES);
+    return ((size_t)(row / PERI__REGISTER) * (size_t)p->width + (size_t)c) * PERI__REGISTER + (size_t)(row % PERI__REGISTER);
 }
 
 /* Rows row .. row + count - 1 of a panel's first `depth` columns, side by side; what lacks to a tile is 0. */
@@ -3531,7 +3531,7 @@ static void peri__pack(const peri_real *value, const peri__panel *p, int depth, 
             continue;
         }
         from = value + peri__entry(p, row + j, 0);
-        for (k = 0; k < depth; k++) b[k * PERI__TILE + j] = from[k * PERI__LANES];
+        for (k = 0; k < depth; k++) b[k * PERI__TILE + j] = from[k * PERI__REGISTER];
     }
 }
 
@@ -3543,13 +3543,13 @@ static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows,
     if (count == PERI__TILE && column[count - 1] - column[0] == count - 1) {
         for (; k < end; k++) {
             peri_real *PERI__RESTRICT at = to + place[rows[k]];
-            for (j = 0; j < PERI__TILE; j++) at[j * PERI__LANES] += tile[j * PERI__LANES + k];
+            for (j = 0; j < PERI__TILE; j++) at[j * PERI__REGISTER] += tile[j * PERI__REGISTER + k];
         }
         return;
     }
     for (; k < end; k++) {
         peri_real *at = to + place[rows[k]];
-        for (j = 0; j < count; j++) at[(column[j] - column[0]) * PERI__LANES] += tile[j * PERI__LANES + k];
+        for (j = 0; j < count; j++) at[(column[j] - column[0]) * PERI__REGISTER] += tile[j * PERI__REGISTER + k];
     }
 }
 
@@ -3558,9 +3558,9 @@ static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows,
 static void peri__update_straight(const peri_real *value, const peri__panel *p, int depth, peri_real *target,
                                   const peri__panel *to, int row, int shift, const peri_real *right) {
     const peri__reg *a = (const peri__reg *)(const void *)value;
-    int block = row / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES;
+    int block = row / PERI__REGISTER, blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER;
     ptrdiff_t from = p->width, step = to->width;
-    peri__reg *c = (peri__reg *)(void *)target + (block - shift) * step + (row - shift * PERI__LANES);
+    peri__reg *c = (peri__reg *)(void *)target + (block - shift) * step + (row - shift * PERI__REGISTER);
     a += block * from;
     for (; block + 1 < blocks; block += 2, a += 2 * from, c += 2 * step)
         peri__tile2_add(depth, a, a + from, right, c, c + step);
@@ -3571,20 +3571,20 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
                                    int count, const peri__bench *w) {
     const peri__reg *a = (const peri__reg *)(const void *)(f->value + p->at);
     const int *rows = f->s->rows + p->row;
-    peri_real *target = f->value + to->at + (rows[row] - to->first) * PERI__LANES;
+    peri_real *target = f->value + to->at + (rows[row] - to->first) * PERI__REGISTER;
     peri__reg *tile = (peri__reg *)(void *)w->tile;
-    int block, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, k;
-    for (block = row / PERI__LANES; block < blocks; block += 2) {
-        int begin = block * PERI__LANES, half = begin + PERI__LANES, first = row > begin ? row - begin : 0;
+    int block, blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k;
+    for (block = row / PERI__REGISTER; block < blocks; block += 2) {
+        int begin = block * PERI__REGISTER, half = begin + PERI__REGISTER, first = row > begin ? row - begin : 0;
         if (block + 1 < blocks) {
             peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right,
                             tile, tile + PERI__TILE);
-            k = p->height - half < PERI__LANES ? p->height - half : PERI__LANES;
-            peri__scatter(w->tile + PERI__TILE * PERI__LANES, rows + half, 0, k, count, w->place, target, rows + row);
+            k = p->height - half < PERI__REGISTER ? p->height - half : PERI__REGISTER;
+            peri__scatter(w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, count, w->place, target, rows + row);
         } else {
             peri__tile1_set(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
         }
-        k = p->height - begin < PERI__LANES ? p->height - begin : PERI__LANES;
+        k = p->height - begin < PERI__REGISTER ? p->height - begin : PERI__REGISTER;
         peri__scatter(w->tile, rows + begin, first, k, count, w->place, target, rows + row);
     }
 }
@@ -3599,12 +3599,12 @@ static void peri__update(const peri_cholesky *f, const peri__panel *to, const pe
     while (row + count < p->height && rows[row + count] < end) count++;
     if (!count) return;
     shift = row - (rows[row] - to->first);
-    same = shift % PERI__LANES == 0 && p->height - row == to->height - (rows[row] - to->first);
+    same = shift % PERI__REGISTER == 0 && p->height - row == to->height - (rows[row] - to->first);
     for (j = 0; j < count; j += PERI__TILE) {
         int n = count - j < PERI__TILE ? count - j : PERI__TILE;
         peri__pack(f->value + p->at, p, p->width, row + j, n, w->right);
         if (same && n == PERI__TILE)
-            peri__update_straight(f->value + p->at, p, p->width, f->value + to->at, to, row + j, shift / PERI__LANES,
+            peri__update_straight(f->value + p->at, p, p->width, f->value + to->at, to, row + j, shift / PERI__REGISTER,
                                   w->right);
         else peri__update_scattered(f, p, to, row + j, n, w);
     }
@@ -3615,15 +3615,15 @@ static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const p
     const peri__symbolic *s = f->s;
     const int *rows = s->rows + p->row;
     peri_real *value = f->value + p->at;
-    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, k, c, e;
-    memset(value, 0, (size_t)blocks * (size_t)p->width * PERI__LANES * sizeof *value);
-    for (k = 0; k < p->height; k++) place[rows[k]] = k / PERI__LANES * p->width * PERI__LANES + k % PERI__LANES;
+    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k, c, e;
+    memset(value, 0, (size_t)blocks * (size_t)p->width * PERI__REGISTER * sizeof *value);
+    for (k = 0; k < p->height; k++) place[rows[k]] = k / PERI__REGISTER * p->width * PERI__REGISTER + k % PERI__REGISTER;
     for (c = 0; c < p->width; c++) {
         int row = s->order[p->first + c];
-        value[place[p->first + c] + c * PERI__LANES] = a->diagonal[row];
+        value[place[p->first + c] + c * PERI__REGISTER] = a->diagonal[row];
         for (e = a->row[row]; e < a->row[row + 1]; e++) {
             int i = s->place[a->col[e]];
-            if (i > p->first + c) value[place[i] + c * PERI__LANES] = a->value[e];
+            if (i > p->first + c) value[place[i] + c * PERI__REGISTER] = a->value[e];
         }
     }
 }
@@ -3681,7 +3681,7 @@ static void peri__panel_update(peri_real *value, const peri__panel *p, int c, in
     const peri__reg *a = (const peri__reg *)(const void *)value;
     peri__reg *tile = (peri__reg *)(void *)w->tile, *to = (peri__reg *)(void *)value + c;
     ptrdiff_t step = p->width;
-    int block = c / PERI__LANES, blocks = (p->height + PERI__LANES - 1) / PERI__LANES, j;
+    int block = c / PERI__REGISTER, blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, j;
     peri__pack(value, p, c, c, n, w->right);
     if (n == PERI__TILE) {
         peri__update_straight(value, p, c, value, p, c, 0, w->right);
@@ -3697,7 +3697,7 @@ static void peri__panel_update(peri_real *value, const peri__panel *p, int c, in
 static int peri__panel_factor(const peri_cholesky *f, const peri__panel *p, peri__bench *w) {
     peri_real *value = f->value + p->at, l[PERI__TILE][PERI__TILE], inverse[PERI__TILE];
     peri__reg *x = (peri__reg *)(void *)value;
-    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, c, k, n;
+    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, c, k, n;
     for (c = 0; c < p->width; c += PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
         if (c) peri__panel_update(value, p, c, n, w);
@@ -3706,7 +3706,7 @@ static int peri__panel_factor(const peri_cholesky *f, const peri__panel *p, peri
             w->failed = p->first + c + k;
             return 0;
         }
-        k = c / PERI__LANES;
+        k = c / PERI__REGISTER;
         peri__small_solve(x + (ptrdiff_t)k * p->width + c, p->width, blocks - k, n, l, inverse);
         peri__small_invert(value, p, c, n, l, inverse);
     }
@@ -3908,11 +3908,11 @@ typedef struct peri__sides {
 
 /* The lanes of a block that hold rows below the panel's own: first .. end - 1. */
 PERI__INLINE int peri__lanes_first(const peri__panel *p, int block) {
-    return p->width > block * PERI__LANES ? p->width - block * PERI__LANES : 0;
+    return p->width > block * PERI__REGISTER ? p->width - block * PERI__REGISTER : 0;
 }
 
 PERI__INLINE int peri__lanes_end(const peri__panel *p, int block) {
-    return p->height - block * PERI__LANES < PERI__LANES ? p->height - block * PERI__LANES : PERI__LANES;
+    return p->height - block * PERI__REGISTER < PERI__REGISTER ? p->height - block * PERI__REGISTER : PERI__REGISTER;
 }
 
 static void peri__lanes_add(const int *PERI__RESTRICT rows, int first, int end, const peri_real *PERI__RESTRICT v,
@@ -3924,17 +3924,17 @@ static void peri__lanes_add(const int *PERI__RESTRICT rows, int first, int end, 
         for (k = first; k < end; k++) {
             peri_real *at = x + rows[k];
             at[0] += v[k];
-            at[n] += v[PERI__LANES + k];
-            at[2 * n] += v[2 * PERI__LANES + k];
+            at[n] += v[PERI__REGISTER + k];
+            at[2 * n] += v[2 * PERI__REGISTER + k];
         }
 }
 
 /* x[rows] += v in the lanes that hold rows below; those of the top have sums of their own for each part. */
 static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__reg *v) {
-    const int *rows = t->f->s->rows + p->row + block * PERI__LANES;
+    const int *rows = t->f->s->rows + p->row + block * PERI__REGISTER;
     const peri_real *from = (const peri_real *)(const void *)v;
     int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), q;
-    int inner = p->inner - block * PERI__LANES < end ? p->inner - block * PERI__LANES : end;
+    int inner = p->inner - block * PERI__REGISTER < end ? p->inner - block * PERI__REGISTER : end;
     peri_real *x = t->x;
     ptrdiff_t n = t->n;
     if (inner < first) inner = first;
@@ -3944,7 +3944,7 @@ static void peri__block_add(const peri__sides *t, const peri__panel *p, int bloc
         n = t->tall;
         x = t->top + ((ptrdiff_t)p->part * t->sides * n - t->f->s->part[PERI__PARTS]);
     }
-    if (first > 0 || end < PERI__LANES || rows[end - 1] - rows[0] > end - 1) {
+    if (first > 0 || end < PERI__REGISTER || rows[end - 1] - rows[0] > end - 1) {
         peri__lanes_add(rows, first, end, from, t->sides, x, n);
         return;
     }
@@ -3959,14 +3959,14 @@ static void peri__block_add(const peri__sides *t, const peri__panel *p, int bloc
 
 /* v = x[rows], 0 in the lanes that do not hold rows below. */
 static void peri__block_get(const peri__sides *t, const peri__panel *p, int block, peri__reg *v) {
-    const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__LANES;
+    const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__REGISTER;
     int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k, q;
     for (q = 0; q < t->sides; q++) {
         const peri_real *PERI__RESTRICT x = t->x + (ptrdiff_t)q * t->n;
         peri_real *PERI__RESTRICT to = (peri_real *)(void *)(v + q);
-        if (first == 0 && end == PERI__LANES) {
+        if (first == 0 && end == PERI__REGISTER) {
             if (rows[end - 1] - rows[0] == end - 1) memcpy(to, x + rows[0], sizeof *v);
-            else for (k = 0; k < PERI__LANES; k++) to[k] = x[rows[k]];
+            else for (k = 0; k < PERI__REGISTER; k++) to[k] = x[rows[k]];
             continue;
         }
         v[q] = peri__splat(0);
@@ -3979,25 +3979,25 @@ static void peri__down(const peri__sides *t, const peri__reg *value, int width, 
     peri__reg out[2 * PERI__SIDES];
     peri_real z[PERI__SIDES * PERI__TILE];
     const peri_real *lane = (const peri_real *)(const void *)out;
-    int blocks = (width + PERI__LANES - 1) / PERI__LANES, c, b, q, k, n;
+    int blocks = (width + PERI__REGISTER - 1) / PERI__REGISTER, c, b, q, k, n;
     for (c = 0; c < width; c += PERI__TILE) {
         n = width - c < PERI__TILE ? width - c : PERI__TILE;
-        for (b = c / PERI__LANES; b * PERI__LANES < c + n; b++) { /* the inverse of its block */
+        for (b = c / PERI__REGISTER; b * PERI__REGISTER < c + n; b++) { /* the inverse of its block */
             const peri__reg *v = value + (ptrdiff_t)b * width + c;
-            int begin = b * PERI__LANES < c ? c - b * PERI__LANES : 0;
-            int end = (b + 1) * PERI__LANES > c + n ? c + n - b * PERI__LANES : PERI__LANES;
+            int begin = b * PERI__REGISTER < c ? c - b * PERI__REGISTER : 0;
+            int end = (b + 1) * PERI__REGISTER > c + n ? c + n - b * PERI__REGISTER : PERI__REGISTER;
             t->product(n, v, v, y + c, out);
             for (q = 0; q < t->sides; q++)
-                for (k = begin; k < end; k++) z[q * PERI__TILE + b * PERI__LANES + k - c] = -lane[q * PERI__LANES + k];
+                for (k = begin; k < end; k++) z[q * PERI__TILE + b * PERI__REGISTER + k - c] = -lane[q * PERI__REGISTER + k];
         }
         for (q = 0; q < t->sides; q++)
             for (k = 0; k < n; k++) y[q * PERI__WIDTH + c + k] = z[q * PERI__TILE + k];
-        for (b = (c + n) / PERI__LANES; b < blocks; b++) { /* what it gives to the columns after it */
+        for (b = (c + n) / PERI__REGISTER; b < blocks; b++) { /* what it gives to the columns after it */
             const peri__reg *v = value + (ptrdiff_t)b * width + c;
             t->product(n, v, v, y + c, out);
             for (q = 0; q < t->sides; q++)
-                for (k = b * PERI__LANES < c + n ? c + n - b * PERI__LANES : 0; k < PERI__LANES; k++)
-                    y[q * PERI__WIDTH + b * PERI__LANES + k] += lane[q * PERI__LANES + k];
+                for (k = b * PERI__REGISTER < c + n ? c + n - b * PERI__REGISTER : 0; k < PERI__REGISTER; k++)
+                    y[q * PERI__WIDTH + b * PERI__REGISTER + k] += lane[q * PERI__REGISTER + k];
         }
     }
 }
@@ -4005,17 +4005,17 @@ static void peri__down(const peri__sides *t, const peri__reg *value, int width, 
 /* x = L^-1 x: a panel's own columns, then the rows below, two blocks at a time. */
 static void peri__forward(const peri__sides *t, const peri__panel *p) {
     const peri__reg *value = (const peri__reg *)(const void *)(t->f->value + p->at);
-    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q, k;
-    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__LANES], out[2 * PERI__SIDES];
+    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, b, q, k;
+    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__REGISTER], out[2 * PERI__SIDES];
     peri_real *y = (peri_real *)(void *)own;
     for (q = 0; q < t->sides; q++) {
         memcpy(y + q * PERI__WIDTH, t->x + (ptrdiff_t)q * t->n + p->first, (size_t)p->width * sizeof *y);
-        for (k = p->width; k % PERI__LANES; k++) y[q * PERI__WIDTH + k] = 0;
+        for (k = p->width; k % PERI__REGISTER; k++) y[q * PERI__WIDTH + k] = 0;
     }
     peri__down(t, value, p->width, y);
     for (q = 0; q < t->sides; q++)
         memcpy(t->x + (ptrdiff_t)q * t->n + p->first, y + q * PERI__WIDTH, (size_t)p->width * sizeof *y);
-    for (b = p->width / PERI__LANES; b < blocks; b += 2) {
+    for (b = p->width / PERI__REGISTER; b < blocks; b += 2) {
         const peri__reg *one = value + (ptrdiff_t)b * p->width;
         t->product(p->width, one, b + 1 < blocks ? one + p->width : one, y, out);
         peri__block_add(t, p, b, out);
@@ -4054,7 +4054,7 @@ static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int
         const peri_real *column = value + peri__entry(p, c, c + k); /* a tile fits into a block, or has several */
         for (q = 0; q < t->sides; q++) {
             peri_real s = 0;
-            if (PERI__LANES >= PERI__TILE) for (i = k; i < n; i++) s += column[i] * x[q][i];
+            if (PERI__REGISTER >= PERI__TILE) for (i = k; i < n; i++) s += column[i] * x[q][i];
             else for (i = k; i < n; i++) s += value[peri__entry(p, c + i, c + k)] * x[q][i];
             done[q * PERI__WIDTH + c + k] = s;
         }
@@ -4064,17 +4064,17 @@ static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int
 /* x = L^-T x of a panel's own columns, from the last tile to the first; sum: what the rows below give. */
 static void peri__up(const peri__sides *t, const peri__panel *p, peri__reg *sum) {
     const peri_real *value = t->f->value + p->at;
-    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__LANES], in[2 * PERI__SIDES];
+    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__REGISTER], in[2 * PERI__SIDES];
     peri_real *done = (peri_real *)(void *)own; /* 0 where not yet */
-    int blocks = (p->width + PERI__LANES - 1) / PERI__LANES, c, b, q, n;
+    int blocks = (p->width + PERI__REGISTER - 1) / PERI__REGISTER, c, b, q, n;
     for (q = 0; q < t->sides; q++) memset(done + q * PERI__WIDTH, 0, (size_t)blocks * sizeof *own);
     for (c = (p->width - 1) / PERI__TILE * PERI__TILE; c >= 0; c -= PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
-        for (b = (c + n) / PERI__LANES; b < blocks; b += 2) {
+        for (b = (c + n) / PERI__REGISTER; b < blocks; b += 2) {
             const peri__reg *one = (const peri__reg *)(const void *)value + (ptrdiff_t)b * p->width + c;
             for (q = 0; q < t->sides; q++) {
-                in[q] = own[q * PERI__WIDTH / PERI__LANES + b];
-                in[PERI__SIDES + q] = b + 1 < blocks ? own[q * PERI__WIDTH / PERI__LANES + b + 1] : peri__splat(0);
+                in[q] = own[q * PERI__WIDTH / PERI__REGISTER + b];
+                in[PERI__SIDES + q] = b + 1 < blocks ? own[q * PERI__WIDTH / PERI__REGISTER + b + 1] : peri__splat(0);
             }
             t->dots(n, one, b + 1 < blocks ? one + p->width : one, in, sum + PERI__SIDES * c);
         }
@@ -4087,10 +4087,10 @@ static void peri__up(const peri__sides *t, const peri__panel *p, peri__reg *sum)
 /* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other. */
 static void peri__backward(const peri__sides *t, const peri__panel *p) {
     const peri__reg *value = (const peri__reg *)(const void *)(t->f->value + p->at);
-    int blocks = (p->height + PERI__LANES - 1) / PERI__LANES, b, q;
+    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, b, q;
     peri__reg sum[PERI__SIDES * PERI__WIDTH], in[2 * PERI__SIDES];
     memset(sum, 0, PERI__SIDES * (size_t)p->width * sizeof *sum);
-    for (b = p->width / PERI__LANES; b < blocks; b += 2) {
+    for (b = p->width / PERI__REGISTER; b < blocks; b += 2) {
         const peri__reg *one = value + (ptrdiff_t)b * p->width;
         peri__block_get(t, p, b, in);
         if (b + 1 < blocks) peri__block_get(t, p, b + 1, in + PERI__SIDES);
