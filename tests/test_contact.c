@@ -215,7 +215,9 @@ static void stack_of_balls(void) {
 }
 
 /* A box 100 times as dense on another, and the other way round: E such that the load is a twentieth of it. They rest:
-   the contacts between them carry the upper one's weight within 2 %, and no particle is deeper than 0.3 d. */
+   the contacts between them carry the upper one's weight within 4 % (when the light one is above: what the solver's
+   tolerance leaves varies with the last digit of the start; of 100 starts rms 0.8 %, worst 2.5 %), and no particle is
+   deeper than 0.3 d. */
 static void density_ratio(void) {
     int order;
     for (order = 0; order < 2; order++) {
@@ -242,7 +244,7 @@ static void density_ratio(void) {
         high = centre_of(&p, id[1], 2) - centre_of(&p, id[0], 2);
         printf("    density 100 %s: contacts carry %.4f of the upper weight, largest overlap %.3f d, centres %.3f m apart\n",
                order ? "above" : "below", carried / weight, overlap, high);
-        NEAR(carried / weight, 1, 0.02);
+        NEAR(carried / weight, 1, 0.04);
         CHECK(overlap < 0.3);
         CHECK(high > 0.2 && high < 0.26);
         peri_world_destroy(p.world);
