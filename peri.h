@@ -6504,10 +6504,12 @@ static peri_matrix peri__matrix(const peri__body *b) {
 }
 
 /* What parts of an iteration take, in nanoseconds on one core of 2023 (AVX-512); only their ratios count, and they hold
-   within a factor of two elsewhere. tests/bench/step.c prints what they should be. */
-#define PERI__COST_BOND 4.0         /* forces: a directed bond */
-#define PERI__COST_ROW 20.0         /* vectors of L-BFGS and the search: a particle */
-#define PERI__COST_ENTRY 0.55       /* a full solve: an entry of L */
+   within a factor of two elsewhere. tests/bench/step.c prints what they come from. */
+#define PERI__COST_LATTICE 2.3      /* forces: a directed bond of a lattice, in lockstep, and one by one */
+#define PERI__COST_LOCKSTEP 6.3
+#define PERI__COST_BOND 20.0
+#define PERI__COST_ROW 30.0         /* vectors of L-BFGS and the search: a particle */
+#define PERI__COST_ENTRY 0.65       /* a full solve: an entry of L */
 #define PERI__COST_LEVELS 18.0      /* a solve on two levels: a particle */
 #define PERI__COST_OPERATION 0.02   /* a factorisation: a multiplication and addition */
 #define PERI__LEVELS_MORE 2.0       /* iterations with two levels over those with a factor */
@@ -6516,7 +6518,8 @@ static peri_matrix peri__matrix(const peri__body *b) {
 #define PERI__SMALL 1000            /* particles up to which there is nothing to gain */
 
 static double peri__evaluation_cost(const peri__body *b) {
-    return PERI__COST_BOND * b->row[b->count] + PERI__COST_ROW * b->count;
+    double bond = !b->lanes.blocks ? PERI__COST_BOND : b->lanes.lattice ? PERI__COST_LATTICE : PERI__COST_LOCKSTEP;
+    return bond * b->row[b->count] + PERI__COST_ROW * b->count;
 }
 
 #ifndef PERI_NO_CHOLESKY
@@ -6740,7 +6743,8 @@ typedef struct peri__solve {
     peri_real *g, *g1, *p, *change;     /* 3 n/3 each, bodies of the island one behind the other */
     double *base;
     int n;                      /* 3 particles */
-    int energetic;              /* 0: a projective body, whose force is not quite the slope of its energy */
+    int energetic;              /* the search looks at the energy too: where contacts, attachments or inversion make
+                                   it rough. Not with a projective body: its force is not quite its energy's slope */
     int evaluations;
     int refreshed;              /* how often the contacts followed */
     double energy, energy1;     /* at x, at the trial */
@@ -6748,6 +6752,11 @@ typedef struct peri__solve {
 
 static peri__body *peri__first(const peri__solve *s) { return peri__body_at(s->w, s->island.first); }
 static peri__body *peri__next(const peri__solve *s, const peri__body *b) { return peri__body_at(s->w, b->next); }
+
+/* Do bodies of the island touch something, or hang on something? */
+static int peri__touches(const peri__solve *s) {
+    return s->island.contacts_end > s->island.contacts || s->island.attachment >= 0;
+}
 
 /* x of the island's bodies into the island's order; back; and back with a share of p added. */
 static void peri__positions_get(const peri__solve *s, double *to) {
@@ -7033,12 +7042,17 @@ static int peri__iterate(peri__solve *s, double *length, double *worst) {
 static void peri__solve_begin(peri__solve *s, peri_world *w, const peri__island *island) {
     size_t at = 3 * (size_t)island->at;
     const peri__body *b;
+    int projective = 0, wild;
     memset(s, 0, sizeof *s);
     s->w = w;
     s->island = *island;
     s->n = 3 * island->count;
-    s->energetic = 1;
-    for (b = peri__first(s); b; b = peri__next(s, b)) s->energetic &= b->matter.m.model != PERI_MODEL_PROJECTIVE;
+    wild = peri__touches(s);
+    for (b = peri__first(s); b; b = peri__next(s, b)) {
+        projective |= b->matter.m.model == PERI_MODEL_PROJECTIVE;
+        wild |= b->unhealthy > 0;
+    }
+    s->energetic = wild && !projective;
     s->base = w->base + at;
     s->g = w->g + at;
     s->g1 = w->g1 + at;
@@ -7096,6 +7110,7 @@ static int peri__start(peri__solve *s) {
         return 1;
     }
     peri__positions_put(s, s->base);
+    if (!peri__touches(s)) return finite;   /* g is still that of the guess; contacts and joints are not */
     return finite && peri__evaluate(s, s->g, &s->energy);
 }
 

@@ -707,27 +707,27 @@ void peri_parallel_for(const peri_parallel *par, int count, int grain, peri_task
 #define PERI__GRAIN 256 /* rows in a piece of a loop over a matrix */
 #define PERI__RUN 4096  /* numbers in a piece of a loop over vectors, and the shortest block of a dot product */
 
-/* Four interleaved sums hide the latency of the addition; their order is as fixed as that of one. */
+/* Sixteen interleaved sums hide the latency of the addition and fill registers; their order is as fixed as that of one.
+   Runs of sixteen: a length that compilers know is vectorised at plain -O2, too. */
 static double peri__dot_run(int n, const peri_real *a, const peri_real *b) {
-    double s0 = 0, s1 = 0, s2 = 0, s3 = 0;
-    int i;
-    for (i = 0; i + 3 < n; i += 4) {
-        s0 += (double)a[i] * (double)b[i];
-        s1 += (double)a[i + 1] * (double)b[i + 1];
-        s2 += (double)a[i + 2] * (double)b[i + 2];
-        s3 += (double)a[i + 3] * (double)b[i + 3];
-    }
-    for (; i < n; i++) s0 += (double)a[i] * (double)b[i];
-    return (s0 + s1) + (s2 + s3);
-}
-
-/* y = keep y + factor x. Runs of sixteen: a length that compilers know is vectorised at plain -O2, too. */
-static void peri__combine_run(int n, double keep, peri_real *PERI__RESTRICT y, double factor,
-                              const peri_real *PERI__RESTRICT x) {
+    double s[16] = {0};
     int i, k;
     for (i = 0; i + 15 < n; i += 16)
-        for (k = 0; k < 16; k++) y[i + k] = (peri_real)(keep * (double)y[i + k] + factor * (double)x[i + k]);
-    for (; i < n; i++) y[i] = (peri_real)(keep * (double)y[i] + factor * (double)x[i]);
+        for (k = 0; k < 16; k++) s[k] += (double)a[i + k] * (double)b[i + k];
+    for (k = 0; i < n; i++, k++) s[k] += (double)a[i] * (double)b[i];
+    for (i = 8; i > 0; i /= 2)
+        for (k = 0; k < i; k++) s[k] += s[k + i];
+    return s[0];
+}
+
+/* y = keep y + factor x. */
+static void peri__combine_run(int n, double keep, peri_real *PERI__RESTRICT y, double factor,
+                              const peri_real *PERI__RESTRICT x) {
+    peri_real c = (peri_real)keep, f = (peri_real)factor;
+    int i, k;
+    for (i = 0; i + 15 < n; i += 16)
+        for (k = 0; k < 16; k++) y[i + k] = c * y[i + k] + f * x[i + k];
+    for (; i < n; i++) y[i] = c * y[i] + f * x[i];
 }
 
 /* A pass over vectors: y = keep y + factor x where there is an x, then sums of y and z, y and y, z and z where there
@@ -3517,7 +3517,8 @@ PERI__TILE_DEFINE(add, PERI__ADD2, PERI__ADD1)
 
 /* Where entry (row, c) of a panel stands. */
 PERI__INLINE size_t peri__entry(const peri__panel *p, int row, int c) {
-    return ((size_t)(row / PERI__REGISTER) * (size_t)p->width + (size_t)c) * PERI__REGISTER + (size_t)(row % PERI__REGISTER);
+    size_t block = (size_t)(row / PERI__REGISTER), lane = (size_t)(row % PERI__REGISTER);
+    return (block * (size_t)p->width + (size_t)c) * PERI__REGISTER + lane;
 }
 
 /* Rows row .. row + count - 1 of a panel's first `depth` columns, side by side; what lacks to a tile is 0. */
@@ -3580,7 +3581,8 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
             peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right,
                             tile, tile + PERI__TILE);
             k = p->height - half < PERI__REGISTER ? p->height - half : PERI__REGISTER;
-            peri__scatter(w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, count, w->place, target, rows + row);
+            peri__scatter(w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, count, w->place, target,
+                          rows + row);
         } else {
             peri__tile1_set(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
         }
@@ -3617,7 +3619,7 @@ static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const p
     peri_real *value = f->value + p->at;
     int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k, c, e;
     memset(value, 0, (size_t)blocks * (size_t)p->width * PERI__REGISTER * sizeof *value);
-    for (k = 0; k < p->height; k++) place[rows[k]] = k / PERI__REGISTER * p->width * PERI__REGISTER + k % PERI__REGISTER;
+    for (k = 0; k < p->height; k++) place[rows[k]] = (int)peri__entry(p, k, 0);
     for (c = 0; c < p->width; c++) {
         int row = s->order[p->first + c];
         value[place[p->first + c] + c * PERI__REGISTER] = a->diagonal[row];
@@ -3988,7 +3990,8 @@ static void peri__down(const peri__sides *t, const peri__reg *value, int width, 
             int end = (b + 1) * PERI__REGISTER > c + n ? c + n - b * PERI__REGISTER : PERI__REGISTER;
             t->product(n, v, v, y + c, out);
             for (q = 0; q < t->sides; q++)
-                for (k = begin; k < end; k++) z[q * PERI__TILE + b * PERI__REGISTER + k - c] = -lane[q * PERI__REGISTER + k];
+                for (k = begin; k < end; k++)
+                    z[q * PERI__TILE + b * PERI__REGISTER + k - c] = -lane[q * PERI__REGISTER + k];
         }
         for (q = 0; q < t->sides; q++)
             for (k = 0; k < n; k++) y[q * PERI__WIDTH + c + k] = z[q * PERI__TILE + k];

@@ -1514,6 +1514,175 @@ static void anderson_repeats(void) {
     }
 }
 
+/* ---- two levels -------------------------------------------------------------------------------------------------- */
+
+static peri_real *places(int nx, int ny, int nz) {
+    peri_real *xyz = (peri_real *)grab(3 * (size_t)(nx * ny * nz), sizeof *xyz);
+    int i;
+    for (i = 0; i < nx * ny * nz; i++) {
+        xyz[3 * i] = (peri_real)(i % nx);
+        xyz[3 * i + 1] = (peri_real)(i / nx % ny);
+        xyz[3 * i + 2] = (peri_real)(i / nx / ny);
+    }
+    return xyz;
+}
+
+/* The operator written out: D^-1 + Q (Q^T A Q)^-1 Q^T, with the aggregates of a lattice of spacing 1 and cubes of 2, and
+   rows that stand alone left out of Q. Dense inverse by Gauss-Jordan; n at most 200. */
+static void dense_levels(const sparse *m, const peri_real *xyz, const char *alone, double *p) {
+    int n = m->n, i, j, k, parts = 0, *part = (int *)grab((size_t)n, sizeof *part);
+    double *c = (double *)grab((size_t)n * 2 * (size_t)n, sizeof *c);
+    for (i = 0; i < n; i++) {
+        int at[3];
+        for (k = 0; k < 3; k++) at[k] = (int)((double)xyz[3 * i + k] / 2 + 0.25);
+        for (part[i] = -1, j = 0; j < i && part[i] < 0; j++) {
+            int same = 1;
+            for (k = 0; k < 3; k++) same &= at[k] == (int)((double)xyz[3 * j + k] / 2 + 0.25);
+            if (same) part[i] = part[j];
+        }
+        if (part[i] < 0) part[i] = parts++;
+    }
+    for (i = 0; i < n; i++) {
+        if (alone[i]) continue;
+        c[part[i] * 2 * n + part[i]] += (double)m->diagonal[i];
+        for (k = m->row[i]; k < m->row[i + 1]; k++)
+            if (!alone[m->col[k]]) c[part[i] * 2 * n + part[m->col[k]]] += (double)m->value[k];
+    }
+    for (i = 0; i < parts; i++) {
+        if (fabs(c[i * 2 * n + i]) <= 0) c[i * 2 * n + i] = 1;
+        c[i * 2 * n + n + i] = 1;
+    }
+    for (i = 0; i < parts; i++) /* definite: no pivoting */
+        for (j = 0; j < parts; j++) {
+            double f = c[j * 2 * n + i] / c[i * 2 * n + i];
+            for (k = 0; k < 2 * n && j != i; k++) c[j * 2 * n + k] -= f * c[i * 2 * n + k];
+        }
+    for (i = 0; i < n; i++)
+        for (j = 0; j < n; j++) {
+            p[i * n + j] = i == j ? 1 / (double)m->diagonal[i] : 0;
+            if (!alone[i] && !alone[j]) p[i * n + j] += c[part[i] * 2 * n + n + part[j]] / c[part[i] * 2 * n + part[i]];
+        }
+    free(c);
+    free(part);
+}
+
+static void two_levels_are_what_they_say(void) {
+    int rhs, i, j, c, k;
+    for (rhs = 1; rhs <= 3; rhs++) {
+        sparse m;
+        peri_two_level *t = NULL;
+        peri_error err;
+        peri_real *g, *p, *again, *xyz;
+        double *dense, worst = 0;
+        char *alone;
+        lattice(&m, 5, 6, 4, 1, 0.05);
+        xyz = places(5, 6, 4);
+        alone = (char *)grab((size_t)m.n, 1);
+        for (i = 0; i < m.n; i++) { /* what is held stands alone, as in a world; a whole cube of it, and single ones */
+            alone[i] = (xyz[3 * i] < 2 && xyz[3 * i + 1] < 2 && xyz[3 * i + 2] < 2) || i % 17 == 3;
+            for (k = m.row[i]; k < m.row[i + 1]; k++)
+                if (alone[i]) m.value[k] = m.value[peri__find(m.row, m.col, m.col[k], i)] = 0;
+        }
+        g = (peri_real *)grab(3 * (size_t)(rhs * m.n), sizeof *g);
+        p = g + rhs * m.n;
+        again = p + rhs * m.n;
+        dense = (double *)grab((size_t)m.n * (size_t)m.n, sizeof *dense);
+        dense_levels(&m, xyz, alone, dense);
+        for (i = 0; i < rhs * m.n; i++) g[i] = (peri_real)spread();
+        CHECK(peri_two_level_create(&m.a, xyz, 2, rhs, NULL, &t, &err) == PERI_OK && t);
+        CHECK(peri_two_level_aggregates(t) == 3 * 3 * 2);
+        CHECK(peri_two_level_factor(t, &m.a, &err) == PERI_OK);
+        peri_two_level_apply(g, p, t);
+        for (i = 0; i < m.n; i++)
+            for (c = 0; c < rhs; c++) {
+                double sum = 0, size = 0;
+                for (j = 0; j < m.n; j++) {
+                    sum += dense[i * m.n + j] * (double)g[rhs * j + c];
+                    size += fabs(dense[i * m.n + j] * (double)g[rhs * j + c]);
+                }
+                if (fabs(sum - (double)p[rhs * i + c]) / size > worst) worst = fabs(sum - (double)p[rhs * i + c]) / size;
+            }
+        NEAR(worst, 0, 1e3 * U); /* condition of the coarse matrix, at most some hundred */
+        for (k = 0; k < 3; k++) { /* values anew, threads: the same bits */
+            peri_parallel par;
+            memset(&par, 0, sizeof par);
+            par.threads = k + 1;
+            peri_two_level_threads(t, k ? &par : NULL);
+            CHECK(peri_two_level_factor(t, &m.a, NULL) == PERI_OK);
+            peri_two_level_apply(g, again, t);
+            CHECK(!memcmp(again, p, (size_t)(rhs * m.n) * sizeof *p));
+        }
+        peri_two_level_destroy(t);
+        free(g);
+        free(dense);
+        free(alone);
+        free(xyz);
+        sparse_end(&m);
+    }
+}
+
+/* Over two levels the count hardly grows with the lattice, where Jacobi's grows with its length. */
+static void two_levels_scale(void) {
+    int count[2][2], size, which;
+    for (size = 0; size < 2; size++)
+        for (which = 0; which < 2; which++) {
+            peri_two_level *t = NULL;
+            peri_real *xyz;
+            call c;
+            memset(&c, 0, sizeof c);
+            lattice(&c.m, size ? 16 : 8, size ? 16 : 8, size ? 16 : 8, 1, 1e-3);
+            xyz = places(size ? 16 : 8, size ? 16 : 8, size ? 16 : 8);
+            call_begin(&c, 3);
+            c.o.tolerance = 1e-4;
+            CHECK(peri_two_level_create(&c.m.a, xyz, 2, 3, NULL, &t, NULL) == PERI_OK);
+            CHECK(peri_two_level_factor(t, &c.m.a, NULL) == PERI_OK);
+            if (which) c.o.precondition = peri_two_level_apply;
+            c.o.context = t;
+            CHECK(solve_from_zero(&c, peri_solve_cg) == PERI_OK);
+            count[size][which] = c.report.iterations;
+            peri_two_level_destroy(t);
+            free(xyz);
+            call_end(&c);
+        }
+    printf("    CG on 8^3 and 16^3: Jacobi %d and %d, two levels %d and %d iterations\n", count[0][0], count[1][0],
+           count[0][1], count[1][1]);
+    CHECK(2 * count[1][1] < count[1][0] && count[1][1] <= count[0][1] + 4);
+}
+
+static void two_levels_errors(void) {
+    sparse m;
+    peri_two_level *t = NULL;
+    peri_error err;
+    peri_real keep, *xyz;
+    lattice(&m, 4, 4, 4, 1, 1);
+    xyz = places(4, 4, 4);
+    CHECK(peri_two_level_create(NULL, xyz, 2, 3, NULL, &t, &err) == PERI_ERROR_ARGUMENT && !t);
+    CHECK(peri_two_level_create(&m.a, NULL, 2, 3, NULL, &t, &err) == PERI_ERROR_ARGUMENT && strstr(err.text, "xyz"));
+    CHECK(peri_two_level_create(&m.a, xyz, 2, 4, NULL, &t, &err) == PERI_ERROR_ARGUMENT && strstr(err.text, "rhs"));
+    CHECK(peri_two_level_create(&m.a, xyz, 0, 3, NULL, &t, &err) == PERI_ERROR_VALUE && strstr(err.text, "cell is 0"));
+    keep = xyz[7];
+    xyz[7] = (peri_real)HUGE_VAL;
+    CHECK(peri_two_level_create(&m.a, xyz, 2, 3, NULL, &t, &err) == PERI_ERROR_VALUE && strstr(err.text, "row 2"));
+    xyz[7] = keep;
+    CHECK(peri_two_level_create(&m.a, xyz, 2, 3, NULL, &t, &err) == PERI_OK && t);
+    CHECK(peri_two_level_factor(t, NULL, &err) == PERI_ERROR_ARGUMENT);
+    keep = m.diagonal[9];
+    m.diagonal[9] = -1;
+    CHECK(peri_two_level_factor(t, &m.a, &err) == PERI_ERROR_PIVOT && strstr(err.text, "row 9"));
+    m.diagonal[9] = keep;
+    CHECK(peri_two_level_factor(t, &m.a, &err) == PERI_OK);
+    m.a.n = 3;
+    CHECK(peri_two_level_factor(t, &m.a, &err) == PERI_ERROR_ARGUMENT && strstr(err.text, "pattern"));
+    m.a.n = 0;
+    peri_two_level_destroy(t);
+    CHECK(peri_two_level_create(&m.a, xyz, 2, 3, NULL, &t, &err) == PERI_OK && peri_two_level_aggregates(t) == 0);
+    peri_two_level_destroy(t);
+    peri_two_level_destroy(NULL);
+    m.a.n = 64;
+    free(xyz);
+    sparse_end(&m);
+}
+
 int main(int argc, char **argv) {
     test_begin(argc, argv);
     RUN(solves_dense);
@@ -1551,5 +1720,8 @@ int main(int argc, char **argv) {
     RUN(anderson_accelerates);
     RUN(anderson_resets);
     RUN(anderson_repeats);
+    RUN(two_levels_are_what_they_say);
+    RUN(two_levels_scale);
+    RUN(two_levels_errors);
     return test_end();
 }
