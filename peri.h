@@ -1,4 +1,4 @@
-/* peri.h - v0.2.0 - meshless peridynamic particles: elastic bodies that stay stable at game time steps - MIT licence
+/* peri.h - v0.3.0 - meshless peridynamic particles: elastic bodies that stay stable at game time steps - MIT licence
 
    The third of peri's three floors, and the one that a user includes: a world of bodies made of particles, colliders,
    time stepping, sampling and skinning. It includes peri_material.h and peri_solver.h.
@@ -97,6 +97,7 @@
        solve, islands and sleep, the step, looking, skins
 
    HISTORY
+       0.3.0  two-level solver, AUTO by counted cost; forces of 16 particles at once, lattices with one stencil
        0.2.0  bodies touch each other and themselves; sheets, rods, attachments, materials per particle, sleep
        0.1.0  first version: elastic bodies, colliders, sampling, skins
 */
@@ -827,8 +828,8 @@ typedef struct peri__island {
 
 /* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
 enum {
-    PERI__WANT_STATE = 1, PERI__WANT_SOLVE = 2, PERI__WANT_LBFGS = 4, PERI__WANT_CHEBYSHEV = 8, PERI__WANT_HISTORY = 16,
-    PERI__WANT_FORCE = 32, PERI__WANT_AIM = 64, PERI__WANT_SPECIAL = 128, PERI__WANT_PLATE = 256
+    PERI__WANT_STATE = 1, PERI__WANT_SOLVE = 2, PERI__WANT_LBFGS = 4, PERI__WANT_HISTORY = 8, PERI__WANT_FORCE = 16,
+    PERI__WANT_AIM = 32, PERI__WANT_SPECIAL = 64, PERI__WANT_PLATE = 128
 };
 #define PERI__ROWS 24
 

@@ -1,4 +1,4 @@
-/* peri_material.h - v0.2.0 - physics of one particle and its bonds - MIT licence
+/* peri_material.h - v0.3.0 - physics of one particle and its bonds - MIT licence
 
    The second of peri's three floors: elastic models as pure functions of the bonds of a particle. No allocation, no
    state but what is passed in. It knows peri_solver.h; it does not know the world.
@@ -47,6 +47,7 @@
        plates, a material point
 
    HISTORY
+       0.3.0  laws and forces of 16 particles side by side
        0.1.0  first version: elastic models
 */
 #ifndef PERI_MATERIAL_H

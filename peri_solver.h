@@ -1,4 +1,4 @@
-/* peri_solver.h - v0.2.0 - numbers: small algebra, sparse SPD solvers - MIT licence
+/* peri_solver.h - v0.3.0 - numbers: small algebra, sparse SPD solvers - MIT licence
 
    The first of peri's three floors. It knows nothing of physics: real numbers, 3x3 and 6x6 algebra, hooks for memory
    and threads, and solvers for A x = b with A symmetric positive definite, given as compressed rows. Alone it is a
@@ -67,6 +67,8 @@
        implementation in the same order
 
    HISTORY
+       0.3.0  matrices from triplets; supernodal Cholesky in registers, threads, update, refinement; solvers with one
+              calling convention, IC(0), line search, Anderson, two levels
        0.1.0  first version
 */
 #ifndef PERI_SOLVER_H
@@ -78,9 +80,9 @@
 /* ---- 1  configuration, numbers, results -------------------------------------------------------------------------- */
 
 #define PERI_VERSION_MAJOR 0
-#define PERI_VERSION_MINOR 2
+#define PERI_VERSION_MINOR 3
 #define PERI_VERSION_PATCH 0
-#define PERI_VERSION "0.2.0"
+#define PERI_VERSION "0.3.0"
 
 #ifdef __cplusplus
 #define PERI__EXTERN extern "C"

@@ -1303,6 +1303,71 @@ static void skin_follows(void) {
 }
 #endif
 
+/* What AUTO takes follows from counts, and can be read; whatever it takes, the answer is the same. */
+static void solver_choice(void) {
+    int k, solver;
+    double reach = 0, apart = 0;
+    static peri_real kept[3 * 2000];
+    for (solver = PERI_SOLVER_AUTO; solver <= PERI_SOLVER_TWO_LEVEL; solver++)
+        for (k = 0; k < 2; k++) {
+            peri_world_def wd = peri_default_world_def();
+            peri_body_def bd = peri_default_body_def();
+            peri_material m = peri_material_neo_hookean(1e5f, 0.3f, 1000);
+            int side = k ? 12 : 6, n = side * side * side, i, step;
+            peri_real *points = (peri_real *)calloc(3 * (size_t)n, sizeof *points);
+            unsigned char *fixed = (unsigned char *)calloc((size_t)n, 1);
+            const peri_real *x;
+            peri_choice c;
+            peri_world *w;
+            peri_body_id id;
+            wd.solver = (peri_solver)solver;
+            wd.tolerance = (peri_real)1e-5;
+            w = peri_world_create(&wd, NULL);
+            bd.spacing = (peri_real)0.05;
+            for (i = 0; i < n; i++) {
+                points[3 * i] = bd.spacing * (peri_real)(i % side);
+                points[3 * i + 1] = bd.spacing * (peri_real)(i / side % side);
+                points[3 * i + 2] = bd.spacing * (peri_real)(i / side / side);
+                fixed[i] = i % side == 0;
+            }
+            bd.points = points;
+            bd.fixed = fixed;
+            bd.count = n;
+            bd.material = peri_material_create(w, &m);
+            id = peri_body_create(w, &bd);
+            c = peri_body_solver(w, id);
+            CHECK(c.solver == PERI_SOLVER_AUTO && strstr(c.why, "not chosen yet"));
+            for (step = 0; step < 3; step++) CHECK(!peri_world_step(w, (peri_real)(1 / 60.0)));
+            c = peri_body_solver(w, id);
+            if (solver != PERI_SOLVER_AUTO) CHECK(c.solver == wd.solver && strstr(c.why, "asks for it"));
+            else if (!k) CHECK(c.solver == PERI_SOLVER_CHOLESKY && strstr(c.why, "216 particles: a factor is cheap"));
+            else {
+                CHECK(c.cost[0] > 0 && c.cost[1] > 0 && c.entries > n && strstr(c.why, "1728 particles"));
+                CHECK(c.solver == (c.cost[0] <= c.cost[1] ? PERI_SOLVER_CHOLESKY : PERI_SOLVER_TWO_LEVEL));
+                printf("    %s\n", c.why);
+            }
+            x = peri_body_positions(w, id);
+            for (i = 0; i < 3 * n && k; i++) {
+                if (solver == PERI_SOLVER_CHOLESKY) kept[i] = x[i];
+                if (solver == PERI_SOLVER_CHOLESKY && fabs((double)(x[i] - points[i])) > reach)
+                    reach = fabs((double)(x[i] - points[i]));
+                if (solver == PERI_SOLVER_TWO_LEVEL && fabs((double)(x[i] - kept[i])) > apart)
+                    apart = fabs((double)(x[i] - kept[i]));
+            }
+            CHECK(peri_world_stats(w).factors_held == 1 && peri_world_stats(w).factor_bytes > 0);
+            peri_body_destroy(w, id);
+            CHECK(peri_world_stats(w).factors_held == 0 && peri_world_stats(w).factor_bytes == 0);
+            c = peri_body_solver(w, id);
+            CHECK(c.why[0] == 0 && c.solver == PERI_SOLVER_AUTO);
+            peri_world_destroy(w);
+            free(points);
+            free(fixed);
+        }
+    /* three steps, each within the tolerance of 1e-5 spacings times what a correction hides, a few times itself */
+    printf("    two levels against Cholesky, d = %.2g\n", apart / 0.05);
+    CHECK(reach > 0.05 * 0.05 && apart < 1e-4 * 0.05);
+}
+
 int main(int argc, char **argv) {
     test_begin(argc, argv);
     RUN(affine_correspondence);
@@ -1335,5 +1400,6 @@ int main(int argc, char **argv) {
 #ifndef PERI_NO_SKINNING
     RUN(skin_follows);
 #endif
+    RUN(solver_choice);
     return test_end();
 }
