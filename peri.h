@@ -3830,7 +3830,7 @@ static void peri__lanes_make(peri__body *b, const peri__making *make) {
 
 /* A body leaves its lattice for good, as it must when its bonds are no longer all alike; from then on it is computed in
    lockstep. */
-PERI__SHARED peri_result peri__lattice_leave(peri_world *w, peri__body *b) {
+PERI__SHARED peri_result peri__lanes_leave(peri_world *w, peri__body *b) {
     peri__lanes *t = &b->lanes;
     size_t bytes = (size_t)b->start[(b->count + PERI__LANES - 1) / PERI__LANES] * sizeof *b->near;
     int i, k, q, c;
@@ -6235,7 +6235,7 @@ static int peri__lanes_place(peri_world *w, peri__body *b, const double *x) {
             if (high - low > size) size = high - low;
         }
         frexp(size / 2147483600.0 > 1e-10 * b->spacing ? size / 2147483600.0 : 1e-10 * b->spacing, &power);
-        unit = ldexp(1, power);
+        unit = ldexp(1.0, power);
         if (unit > 1e-6 * b->spacing) return 0;
         for (c = 0; c < 3; c++) p.corner[c] = floor(p.corner[c] / unit) * unit;
         p.scale = 1 / unit;

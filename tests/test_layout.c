@@ -157,7 +157,7 @@ static void compare(int kind, int shape, int count, int turned, int odd) {
         met_lattice++;
         energy[layouts] = evaluate(&t, 0, f[layouts]);
         layouts++;
-        CHECK(peri__lattice_leave(t.w, t.b) == PERI_OK && !t.b->lanes.lattice);
+        CHECK(peri__lanes_leave(t.w, t.b) == PERI_OK && !t.b->lanes.lattice);
         evaluate(&t, 1, f[2]);      /* what the body keeps of its bonds is the same */
         CHECK(memcmp(f[0], f[2], 3 * (size_t)t.n * sizeof(peri_real)) == 0);
     }
@@ -268,7 +268,7 @@ static void lanes_derivative(void) {
             double plus, minus, slope = 0;
             thing t;
             if (!thing_make(&t, BLOCK, 512, 1.75, &m, 0, NULL)) return;
-            if (!lattice) CHECK(peri__lattice_leave(t.w, t.b) == PERI_OK);
+            if (!lattice) CHECK(peri__lanes_leave(t.w, t.b) == PERI_OK);
             thing_shake(&t, 0.2, 0);
             evaluate(&t, 0, f);
             memcpy(x, t.w->x, 3 * (size_t)t.n * sizeof *x);
@@ -309,7 +309,7 @@ static void pieces_do_not_matter(void) {
             for (way = 0; way < 2; way++) {
                 thing t;
                 if (!thing_make(&t, BALL, 1300, 1.75, &m, 0, way ? &odd : NULL)) return;
-                if (!lattice) CHECK(peri__lattice_leave(t.w, t.b) == PERI_OK);
+                if (!lattice) CHECK(peri__lanes_leave(t.w, t.b) == PERI_OK);
                 thing_shake(&t, 0.1, 3);
                 CHECK(peri__health_check(t.w, t.b) == PERI_OK);
                 energy[way] = evaluate(&t, 0, f[way]);
@@ -404,13 +404,13 @@ static void buffer_holds_lanes(void) {
     if (t.b) {
         thing_shake(&t, 0.1, 0);
         evaluate(&t, 0, f[0]);
-        CHECK(peri__lattice_leave(t.w, t.b) == PERI_OK);
+        CHECK(peri__lanes_leave(t.w, t.b) == PERI_OK);
         evaluate(&t, 0, f[1]);
         NEAR(apart(f[0], f[1], t.n) / largest(f[0], t.n), 0, AGREE);
         CHECK(peri_body_destroy(t.w, t.id) == PERI_OK);
         t.id = peri_body_create(t.w, &bd);      /* all that it held is free again */
         t.b = peri__body_find(t.w, t.id);
-        CHECK(t.b && t.b->lanes.lattice && peri__lattice_leave(t.w, t.b) == PERI_OK);
+        CHECK(t.b && t.b->lanes.lattice && peri__lanes_leave(t.w, t.b) == PERI_OK);
     }
     free(buffer);
 }

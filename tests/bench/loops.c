@@ -57,7 +57,7 @@ static int make(scene *s, int n, double horizon, const peri_material *m, int lay
         seed = seed * 1664525u + 1013904223u;
         s->w->x[i] += 0.1 / n * ((seed >> 8) / 16777216.0 - 0.5);
     }
-    if (layout == LOCKSTEP && peri__lattice_leave(s->w, s->b)) return 0;
+    if (layout == LOCKSTEP && peri__lanes_leave(s->w, s->b)) return 0;
     if (layout == SCALAR) s->b->lanes.blocks = 0;       /* reads what is laid out for lanes */
     s->f = x;
     s->layout = layout;
