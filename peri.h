@@ -1687,8 +1687,8 @@ static double peri__mesh_furthest(const peri__mesh *m, const int *list, int n, c
 /* Width and middle of a hole with the given vertices: its extent across its longest chord. A long slit (a T-junction,
    a missing strip) is thus as narrow as it is: it spoils few of the lines through it. */
 static double peri__mesh_width(const peri__mesh *m, const int *list, int n, double middle[3]) {
-    double p[3], q[3], chord[3], across[3], length, side, low = 0, high = 0;
-    double lower[3], upper[3];
+    double p[3], q[3], chord[3], across[3] = {0, 0, 0}, length, side, low = 0, high = 0;
+    double lower[3] = {0, 0, 0}, upper[3] = {0, 0, 0};
     int i, a;
     for (i = 0; i < n; i++) {
         peri__mesh_place(m, list[i], q);
@@ -4756,7 +4756,7 @@ peri_result peri_body_set_forces(peri_world *w, peri_body_id id, int first, int 
 }
 
 peri_result peri_body_set_fixed(peri_world *w, peri_body_id id, int particle, int fixed) {
-    peri__body *b;
+    peri__body *b = NULL;
     peri_result bad = peri__range(w, id, particle, 1, "", NULL, &b);
     unsigned char *flags;
     int c;
@@ -8165,6 +8165,7 @@ static double peri__value(peri_world *w, peri__pass *p, int i, peri_value value)
 /* Starts a look at a body: the coefficients of its present positions. */
 static peri_result peri__look(peri_world *w, peri_body_id id, const void *out, peri__pass *p) {
     peri__body *b = peri__body_find(w, id);
+    memset(p, 0, sizeof *p);
     if (!b) return peri__no_body(w, id);
     if (!out) return peri__report(w, peri__fail(&w->error, PERI_ERROR_ARGUMENT, "out is NULL"));
     peri__pass_begin(p, w, b, NULL);
