@@ -1350,10 +1350,16 @@ static peri_result peri__check_rows(const char *name, const peri_matrix *a, peri
     for (i = 0; i < a->n; i++)
         for (k = a->row[i]; k < a->row[i + 1]; k++) {
             int j = a->col[k];
-            if (j < 0 || j >= a->n || j == i || (k > a->row[i] && j <= a->col[k - 1]))
+            if (j < 0 || j >= a->n)
+                return peri__fail(err, PERI_ERROR_INDEX, "%s: row %d stores column %d, outside [0, %d)", name, i, j,
+                                  a->n);
+            if (j == i)
                 return peri__fail(err, PERI_ERROR_INDEX,
-                                  "%s: row %d stores column %d; columns must lie in [0, %d), ascend, and leave the "
-                                  "diagonal out", name, i, j, a->n);
+                                  "%s: row %d stores its diagonal, column %d; that belongs into diagonal", name, i, j);
+            if (k > a->row[i] && j <= a->col[k - 1])
+                return peri__fail(err, PERI_ERROR_INDEX,
+                                  "%s: row %d stores column %d after column %d; columns must ascend", name, i, j,
+                                  a->col[k - 1]);
         }
     return PERI_OK;
 }
@@ -2554,31 +2560,9 @@ static int peri__asymmetric(const peri_matrix *a, int *next, int *k) {
 
 static peri_result peri__check_pattern(const peri_matrix *a, const peri_allocator *memory, peri_error *err) {
     size_t bytes = (size_t)(a->n > 0 ? a->n : 1) * sizeof(int);
+    peri_result bad = peri__check_rows("matrix", a, err);
     int i, k, *next;
-    if (a->n < 0) return peri__fail(err, PERI_ERROR_INDEX, "matrix: n is %d; it must not be negative", a->n);
-    if (a->n == 0) return PERI_OK;
-    if (!a->row) return peri__fail(err, PERI_ERROR_ARGUMENT, "matrix: row is NULL; it must hold n + 1 numbers");
-    if (a->row[0] != 0) return peri__fail(err, PERI_ERROR_INDEX, "matrix: row[0] is %d; it must be 0", a->row[0]);
-    for (i = 0; i < a->n; i++)
-        if (a->row[i + 1] < a->row[i])
-            return peri__fail(err, PERI_ERROR_INDEX, "matrix: row %d ends at %d, before it begins at %d", i,
-                              a->row[i + 1], a->row[i]);
-    if (!a->col && a->row[a->n] > 0)
-        return peri__fail(err, PERI_ERROR_ARGUMENT, "matrix: col is NULL; it must hold row[n] numbers");
-    for (i = 0; i < a->n; i++)
-        for (k = a->row[i]; k < a->row[i + 1]; k++) {
-            int j = a->col[k];
-            if (j < 0 || j >= a->n)
-                return peri__fail(err, PERI_ERROR_INDEX, "matrix: row %d stores column %d, outside [0, %d)", i, j,
-                                  a->n);
-            if (j == i)
-                return peri__fail(err, PERI_ERROR_INDEX,
-                                  "matrix: row %d stores its diagonal, column %d; that belongs into diagonal", i, j);
-            if (k > a->row[i] && j <= a->col[k - 1])
-                return peri__fail(err, PERI_ERROR_INDEX,
-                                  "matrix: row %d stores column %d after column %d; columns must ascend", i, j,
-                                  a->col[k - 1]);
-        }
+    if (bad || a->n == 0) return bad;
     next = (int *)peri__resize(memory, NULL, 0, bytes);
     if (!next) return peri__fail(err, PERI_ERROR_MEMORY, "cholesky: no memory to check %d rows", a->n);
     i = peri__asymmetric(a, next, &k);

@@ -639,7 +639,7 @@ static void errors(void) {
     SWAP(c.m.row[2], 0, PERI_ERROR_INDEX, "row 1 ends at 0");
     SWAP(c.m.col[3], 64, PERI_ERROR_INDEX, "row 0 stores column 64");
     SWAP(c.m.col[3], -1, PERI_ERROR_INDEX, "row 0 stores column -1");
-    SWAP(c.m.col[0], 0, PERI_ERROR_INDEX, "row 0 stores column 0");
+    SWAP(c.m.col[0], 0, PERI_ERROR_INDEX, "row 0 stores its diagonal");
     SWAP(c.m.col[1], c.m.col[0], PERI_ERROR_INDEX, "ascend");
     SWAP(c.m.value[5], nan, PERI_ERROR_VALUE, "value[5]");
     SWAP(c.m.value[5], infinity, PERI_ERROR_VALUE, "value[5]");
