@@ -1,9 +1,9 @@
 /* tests/bench/step.c - what a whole step costs at a given accuracy: a beam of 57 x 21 x 21 = 25 137 particles (0.98 x
    0.36 x 0.36 m), one end held, gravity switched on at rest, 26 neighbours, h = 1/30 s, nu 0.3 (projective 1/4), 8
    steps. Every model, on a lattice and with points a thousandth of a spacing off it (general layout), with AUTO,
-   Cholesky and two levels at E = 1e5 Pa, with AUTO at 1e6. Each is run at finer and finer tolerances until its error - rms
-   difference of the step's motion from that of a reference run of the same model at a tolerance of 1e-5 with Cholesky,
-   over the rms motion, at worst of steps 2 to 8 - is at most 1e-3; that run's mean step is what counts, split by phase.
+   Cholesky and two levels at E = 1e5 Pa, with AUTO at 1e6. Each is run at finer and finer tolerances until its error -
+   rms difference of the step's motion from that of a reference run of the same model at a tolerance of 1e-5 with
+   Cholesky, over the rms motion, at worst of steps 2 to 8 - is at most 1e-3; that run's mean step is what counts.
    Processor time (wall clock with OpenMP, 1 thread). Prints a table and writes CSV to the file named as the first
    argument. Second argument quick: a beam of 29 x 11 x 11; full: the 25 k beam, 98 k particles too, and the step time
    over the number of particles. Targets are for the 25 k beam and the machine of the prototype; the ratios between rows
