@@ -160,8 +160,8 @@ static void print(FILE *csv, const beam *s, int model, double young, const resul
     if (s->along == 57 && s->solver == PERI_SOLVER_AUTO && aim > 0)
         snprintf(verdict, sizeof verdict, "target %.0f: %s", aim,
                  r->step <= aim && r->error <= wanted ? "reached" : "MISSED");
-    printf("%-14s %.0e %-7s %-10s %7.0e %8.1e %8.1f %7.1f %5.0f %5.0f %7.1f %7.1f %7.1f %8.1f  %s\n", names[model], young,
-           s->general ? "general" : "lattice", solvers[s->solver], r->tolerance, r->error, r->step, r->worst,
+    printf("%-14s %.0e %-7s %-10s %7.0e %8.1e %8.1f %7.1f %5.0f %5.0f %7.1f %7.1f %7.1f %8.1f  %s\n", names[model],
+           young, s->general ? "general" : "lattice", solvers[s->solver], r->tolerance, r->error, r->step, r->worst,
            r->iterations, r->evaluations, r->local, r->global, r->rest, r->factor, verdict);
     if (s->solver == PERI_SOLVER_AUTO) printf("    auto: %s\n", r->choice.why);
     fflush(stdout);
@@ -203,10 +203,10 @@ int main(int argc, char **argv) {
     int quick = argc < 3 || strcmp(argv[2], "full") != 0, model, e;
     FILE *csv = argc > 1 ? fopen(argv[1], "w") : NULL;
     if (csv)
-        fprintf(csv, "particles,model,young,layout,solver,tolerance,error,step_ms,worst_ms,iterations,evaluations,local_ms,"
-                     "global_ms,rest_ms,factor_ms\n");
-    printf("%-14s %-5s %-7s %-10s %7s %8s %8s %7s %5s %5s %7s %7s %7s %8s\n", "model", "E", "layout", "solver", "toler.",
-           "error", "step ms", "worst", "iter", "eval", "local", "global", "rest", "factor");
+        fprintf(csv, "particles,model,young,layout,solver,tolerance,error,step_ms,worst_ms,iterations,evaluations,"
+                     "local_ms,global_ms,rest_ms,factor_ms\n");
+    printf("%-14s %-5s %-7s %-10s %7s %8s %8s %7s %5s %5s %7s %7s %7s %8s\n", "model", "E", "layout", "solver",
+           "toler.", "error", "step ms", "worst", "iter", "eval", "local", "global", "rest", "factor");
     for (model = 0; model < 4; model++)
         for (e = 0; e < (quick ? 1 : 2); e++) {
             double unit = 0, large = 0;
