@@ -578,10 +578,13 @@ PERI_DEF void peri_two_level_threads(peri_two_level *t, const peri_parallel *par
 /* A peri_precondition: p = P^-1 g; context: a peri_two_level. */
 PERI_DEF void peri_two_level_apply(const peri_real *g, peri_real *p, void *two_level);
 
-/* Aggregates; bytes; entries of the factor; operations of making it. */
+/* Aggregates. */
 PERI_DEF int peri_two_level_aggregates(const peri_two_level *t);
+/* Bytes held. */
 PERI_DEF size_t peri_two_level_bytes(const peri_two_level *t);
+/* Entries of the factor of the aggregates. */
 PERI_DEF size_t peri_two_level_entries(const peri_two_level *t);
+/* Operations of making it. */
 PERI_DEF double peri_two_level_operations(const peri_two_level *t);
 
 /* Frees; NULL is fine. */
