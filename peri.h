@@ -6160,6 +6160,7 @@ static void peri__box_task(int begin, int end, void *context) {
         for (k = 0; k < 3 * PERI__LANES; k++) low[k] = 1e300, high[k] = -1e300, odd[k] = 0;
         for (q = begin; q < next; q++) {
             int count = t->first[q + 1] - t->first[q];
+            if (count < 1) continue; /* there is no such block */
             peri__departures(p, t->first[q], count, d);
             for (k = 3 * count; k < 3 * PERI__LANES; k++) d[k] = d[k - 3];
             for (k = 0; k < 3 * PERI__LANES; k++) {

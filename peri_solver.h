@@ -1334,6 +1334,7 @@ typedef struct peri__linear {
     peri_report *report;
     peri_error *err;
     double scale;           /* |b| */
+    peri_report none;       /* where nobody asks for a report */
 } peri__linear;
 
 /* Rows and columns within bounds: what a loop over the matrix needs to be safe, and what finds typing errors. */
@@ -1588,9 +1589,8 @@ static peri_result peri__cg(peri__linear *s) {
 
 /* b = 0 is solved by 0 to any tolerance. */
 static peri_result peri__linear_run(peri__linear *s, peri_result (*run)(peri__linear *s)) {
-    peri_report none;
     peri_result result;
-    if (!s->report) s->report = &none;
+    if (!s->report) s->report = &s->none;
     result = peri__linear_begin(s);
     if (!result && s->n > 0 && s->scale > 0) result = run(s);
     else if (!result) {
