@@ -78,7 +78,7 @@
                       0.02 spacings at rest, up to 0.25 at a hard landing. Nothing passes a sheet of one layer or a
                       collider at up to 30 contact distances a step (90 m/s at 60 steps a second and 5 cm). Energy
                       does not grow in 999 of 1000 collisions (one gained 2.6 % in float, one 20 % in double under
-                      BDF2); 4 meet the cap and are stopped without a bounce. Capped steps may gain up to 1.8 times.
+                      BDF2); 4 meet the cap and are stopped without a bounce. Capped steps may gain up to 3.7 times.
                       Heavy bodies on light sheets take hundreds of iterations: raise max_iterations, or take shorter
                       steps. A particle that goes in and out of repair can keep a heap awake.
        rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; up to a spacing thick.
@@ -5122,10 +5122,11 @@ static void peri__place(const peri_world *w, size_t at, double s, double p[3]) {
 }
 
 /* Weights of the patch for a particle at x, patch particles at place[]: (1 - r^2/R^2)^3, then tilted so that the foot
-   comes below the particle along the surface, and cut at zero so that it stays on it. Returns 0, and leaves the
-   weights, when no particle is within R. */
+   comes below the particle along the surface, and cut at zero so that it stays on it. Across the surface they are tilted
+   half as much: a layer behind must not count, but at the end of a thin limb all of it would take the foot from the
+   nearest particle, to and fro for ever. Returns 0, and leaves the weights, when no particle is within R. */
 static int peri__foot_weights(peri__contact *t, const double x[3], double place[][3]) {
-    double share[PERI__PATCH], sum = 0, mean[3] = {0, 0, 0}, a[9], inverse[9], lean[3], off[3], det, trace;
+    double share[PERI__PATCH], sum = 0, mean[3] = {0, 0, 0}, a[9], inverse[9], lean[3], off[3], det, trace, along;
     int k, c, d;
     for (k = 0; k < t->count; k++) {
         double r2 = 0, q;
@@ -5146,6 +5147,7 @@ static int peri__foot_weights(peri__contact *t, const double x[3], double place[
     for (c = 0; c < 9; c += 4) a[c] += 0.1 * trace;
     det = peri_det3(a);
     for (c = 0; c < 3; c++) off[c] = x[c] - mean[c];
+    for (c = 0, along = peri__dot3(off, t->normal); c < 3; c++) off[c] -= along / 2 * t->normal[c];
     lean[0] = lean[1] = lean[2] = 0;
     if (det > 0) {
         peri_adjugate3(a, inverse);
@@ -5310,12 +5312,12 @@ static void peri__contact_scatter(const peri_world *w, const peri__contact *t, i
     }
 }
 
-/* Weights, normal and (by the share `relax`) the pressure that limits friction follow the particles. Between these
-   calls they stay, so that there is an energy to go down. */
-static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax) {
+/* Weights, normal and the pressure that limits friction follow the particles. Between these calls they stay, so that
+   there is an energy to go down. */
+static void peri__contact_refresh(peri_world *w, peri__contact *t) {
     const peri__collider *solid;
     double away[3], normal[3];
-    t->held += relax * (t->pressure - t->held);
+    t->held = t->pressure;
     if (t->target >= PERI__TARGET_BODY) {
         int found = peri__foot(w, t, 1, away);
         double along = peri__dot3(away, t->normal);
@@ -6930,10 +6932,12 @@ static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
     return peri__finite(sum) && peri__finite(peri_dot(&w->def.parallel, s->n, out, out));
 }
 
-/* Lets the contacts follow what was reached; gradient and energy with them. Each pushes as the others let it: from the
-   twentieth time on the pressures that limit friction follow more and more slowly, or they would chase each other. */
+#define PERI__FOLLOW 20     /* iterations in which the contacts follow */
+
+/* Lets the contacts follow what was reached; gradient and energy with them. Each pushes as the others let it. What
+   follows in every iteration is nothing that L-BFGS could learn, and in a heap contacts chase each other: so after the
+   first iterations feet, normals and the pressures that limit friction stay, and the solve ends. */
 static void peri__refresh_contacts(peri__solve *s) {
-    double relax = s->refreshed < 20 ? 1 : 20.0 / s->refreshed;
     int k;
     s->refreshed++;
     for (k = s->island.contacts; k < s->island.contacts_end; k++) {
@@ -6941,7 +6945,7 @@ static void peri__refresh_contacts(peri__solve *s) {
         if (!t->touching && t->depth < -0.5 * t->distance && t->target < PERI__TARGET_BODY) continue;
         s->energy -= t->energy;
         peri__contact_scatter(s->w, t, s->island.at, 1, s->g);
-        peri__contact_refresh(s->w, t, relax);
+        peri__contact_refresh(s->w, t);
         peri__contact_scatter(s->w, t, s->island.at, -1, s->g);
         s->energy += t->energy;
     }
@@ -7037,7 +7041,7 @@ static int peri__iterate(peri__solve *s, double *length, double *worst) {
     }
     peri_lbfgs_push(&s->lbfgs, par, s->change, s->g);
     peri__take_trial(s);
-    peri__refresh_contacts(s);
+    if (s->refreshed < PERI__FOLLOW) peri__refresh_contacts(s);
     return 1;
 }
 
@@ -7446,14 +7450,20 @@ static void peri__wake_by_colliders(peri_world *w) {
 }
 
 /* Is every particle slower than `factor` times the speed that counts as rest? In long steps what counts is the way, as
-   if they took 1/30 s. */
+   if they took 1/30 s. Velocities are the mean of this step's and the last one's: what shakes and goes nowhere, like a
+   contact that opens and closes, rests. */
 static int peri__body_slow(const peri_world *w, const peri__body *b, double factor, double dt) {
     double most = factor * (double)w->def.sleep_speed * b->spacing;
     size_t i, end = (size_t)b->first + (size_t)b->count;
     if (dt > 1 / 30.0) most /= 30 * dt;
     for (i = (size_t)b->first; i < end; i++) {
-        const peri_real *v = w->v + 3 * i;
-        if (!((double)(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) < most * most)) return 0;
+        double square = 0;
+        size_t k;
+        for (k = 3 * i; k < 3 * i + 3; k++) {
+            double v = ((double)w->v[k] + (double)w->v0[k]) / 2;
+            square += v * v;
+        }
+        if (!(square < most * most)) return 0;
     }
     return 1;
 }
