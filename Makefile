@@ -98,6 +98,14 @@ $(BUILD)/bench/cholesky: tests/bench/cholesky.c $(wildcard tests/bench/cholesky/
 	$(COMPILE) -c -o $@.main.o $(CHOLMOD:yes=-DBENCH_CHOLMOD) $(EIGEN:yes=-DBENCH_EIGEN) $<
 	$(if $(EIGEN),$(CXX),$(CC)) $(CFLAGS) -o $@ $@.*.o $(if $(CHOLMOD),-lcholmod -ldl) -lm
 
+# The benchmark of speed against accuracy has peri in both precisions.
+$(BUILD)/bench/accuracy: tests/bench/accuracy.c $(wildcard tests/bench/accuracy/*) $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@ $@.*.o
+	$(COMPILE) -c -o $@.float.o tests/bench/accuracy/peri.c
+	$(COMPILE) -c -o $@.double.o -DPERI_DOUBLE tests/bench/accuracy/peri.c
+	$(COMPILE) -c -o $@.main.o $<
+	$(CC) $(CFLAGS) -o $@ $@.*.o -lm
+
 # A benchmark is told where its table goes and how long it may take; it prints one for people.
 $(BUILD)/bench/%.csv: $(BUILD)/bench/% FORCE
 	$< $@ $(SIZE)

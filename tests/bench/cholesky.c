@@ -402,8 +402,8 @@ static int print_ratio(const ratio *t, const result *r, int cases) {
         printf("  not measured\n");
         return -1;
     }
-    printf(" %6.3f %6.3f  %-7s %s %.2f %d\n", bench_median(q, count, NULL), worst, t->target > 0 ? verdict(worst, t->target) : "",
-           shape_names[r[at].shape], r[at].horizon, r[at].n);
+    printf(" %6.3f %6.3f  %-7s %s %.2f %d\n", bench_median(q, count, NULL), worst,
+           t->target > 0 ? verdict(worst, t->target) : "", shape_names[r[at].shape], r[at].horizon, r[at].n);
     return t->target > 0 ? worst <= t->target : -1;
 }
 
