@@ -6,10 +6,12 @@
    Errors are rms over the moments of a scene, relative to the rms motion (or force):
      error_solver     positions of all particles, to the converged solution of the same particles, model, step and
                       integrator: double, Cholesky, tolerance 1e-10
-     error_step       the same, to BDF2 at 1/480 s: what solver, step and integrator leave together (swing, fall)
-     error_continuum  what is seen of the scene, to the continuum: finite elements (FEniCS, quadratic tetrahedra,
-                      neo-Hookean) for swing, stretch and twist. For fall there are none: a fine run of the
-                      correspondence model stands for it, which leaves that model's own bias unseen
+     error_step       what is seen of the scene, to the same particles and model with time and solver converged
+                      (double, BDF2, 1/480 s, tolerance 1e-6): what solver, step and integrator leave together
+     error_continuum  what is seen, to the continuum: finite elements (FEniCS, quadratic tetrahedra, neo-Hookean) for
+                      swing, stretch and twist. For fall there are none: a fine run of the correspondence model stands
+                      for it, which leaves that model's own bias unseen
+     error            the larger of these two: a step that damps as much as a lattice is too soft, say, is not right
    Not every factor is varied with every other (that would be 10^5 runs). Slices, each about the base (BDF2, 1/60 s, the
    pulled and turned beams 1/30 s, float, Cholesky under L-BFGS at 1e-3):
      solvers      model x solver x L-BFGS x tolerance, at the base's particles, step and integrator
@@ -21,11 +23,11 @@
    iterations, the library's default: `capped` is the share of such steps. Runs too slow for the time at hand are left
    out, and counted.
 
-   A run is on a front when no other is faster and at most as wrong: `continuum` of all runs of the scene, `model` of
+   A run is on a front when no other is faster and at most as wrong: `all` by error of all runs of the scene, `model` of
    those of its model, `solver` by error_solver among the runs of the slice `solvers`. From them follow the last tables:
    what reaches an error soonest.
 
-   Other methods' rows stand beside peri's where they are built in; for each the ratio of times at equal error is printed.
+   Other methods' rows stand beside peri's where they are built in; the ratio of times at equal error is printed.
 
    Prints tables; writes all runs as CSV to the file named as the first argument. Second argument: quick or full. More
    arguments: names of scenes, only these. Run it from the top of the checkout: the figure is read from examples/models.
@@ -36,13 +38,13 @@
 #include "bench.h"
 
 enum { MOST = 4000, REPEATS = 3, TARGETS = 5 };
-enum { FRONT_CONTINUUM = 1, FRONT_MODEL = 2, FRONT_SOLVER = 4 };
+enum { FRONT_ALL = 1, FRONT_MODEL = 2, FRONT_SOLVER = 4 };
 
 static const char *const scene_name[SCENES] = {"swing", "stretch", "twist", "fall"};
 static const char *const model_name[MODELS] = {"correspondence", "stretch B1/B1", "stretch A1/A1", "projective"};
 static const char *const solver_name[SOLVERS] = {"Cholesky", "two levels", "Jacobi", "Chebyshev", "position-based"};
 static const double target[TARGETS] = {0.2, 0.1, 0.05, 0.02, 0.01};
-static const double exact = 1e-10, fine_step = 1.0 / 480;
+static const double exact = 1e-10;
 
 /* Other methods, where they are built in: their rows carry the method's name for a model. */
 static const rival *const rivals[] = {NULL};
@@ -52,7 +54,7 @@ typedef struct row {
     const rival *by;        /* NULL: peri */
     int wide;               /* 1: double */
     double ms, spread;      /* a simulated second; share of the median */
-    double solver, step, continuum; /* errors; below 0: there is none */
+    double solver, step, continuum, error;  /* below 0: there is none */
     double iterations, capped;      /* a step; share of the steps */
     int lost, sliced, front;        /* sliced: 1 for runs of the slice of solvers */
 } row;
@@ -104,12 +106,13 @@ static double reference(const bench *b, int scene, int moment, int c) {
     return scene == STRETCH ? stretch_reference[moment] : twist_reference[moment];
 }
 
-static double continuum_error(const bench *b, int scene, const course *c) {
+/* rms distance of what c saw from what `to` saw, or from the continuum (NULL), over the rms of that. */
+static double seen_error(const bench *b, int scene, const course *c, const course *to) {
     double off = 0, all = 0;
     int k, q;
     for (k = 0; k < scene_moments(scene); k++)
         for (q = 0; q < SEEN; q++) {
-            double r = reference(b, scene, k, q);
+            double r = to ? to->seen[k][q] : reference(b, scene, k, q);
             off += (c->seen[k][q] - r) * (c->seen[k][q] - r);
             all += r * r;
         }
@@ -147,23 +150,40 @@ static int same(const setup *a, const setup *b) {
            fabs(a->step / b->step - 1) < 1e-6;
 }
 
-/* The converged solution of what s discretises; NULL when it was lost, said once. */
+/* The run of `want` in double, made once; NULL when it was lost. */
+static const course *kept(bench *b, setup want) {
+    solution *it = b->solutions;
+    want.max_iterations = 5000;
+    want.patience = 1e9;
+    while (it < b->solutions + b->kept && !same(&it->s, &want)) it++;
+    if (it < b->solutions + b->kept) return it->c.lost ? NULL : &it->c;
+    if (b->kept++ == MOST) exit(2);
+    it->s = want;
+    if (!run(b, &want, 1, NULL, &it->c) || it->c.capped)
+        printf("    %s of %s, %d across at 1/%.0f s to %g %s\n", scene_name[want.scene], model_name[want.model],
+               want.across, 1 / want.step, want.tolerance, it->c.lost ? "was lost" : "met the cap of 5000 iterations");
+    return it->c.lost ? NULL : &it->c;
+}
+
+/* The converged solution of what s discretises. */
 static const course *converged(bench *b, const setup *s) {
     setup want = *s;
-    int k;
     want.solver = CHOLESKY;
     want.lbfgs = 1;
     want.tolerance = exact;
-    want.max_iterations = 5000;
-    want.patience = 1e9;
-    for (k = 0; k < b->kept; k++)
-        if (same(&b->solutions[k].s, &want)) return b->solutions[k].c.lost ? NULL : &b->solutions[k].c;
-    b->solutions[k].s = want;
-    b->kept++;
-    if (!run(b, &want, 1, NULL, &b->solutions[k].c) || b->solutions[k].c.capped)
-        printf("    the converged %s of %s at 1/%.0f s %s\n", scene_name[s->scene], model_name[s->model], 1 / s->step,
-               b->solutions[k].c.lost ? "was lost: no errors of solvers" : "met the cap of 5000 iterations");
-    return b->solutions[k].c.lost ? NULL : &b->solutions[k].c;
+    return kept(b, want);
+}
+
+/* The same particles with time converged, too; NULL where that is too dear. */
+static const course *timeless(bench *b, const setup *s) {
+    setup want = *s;
+    if (s->across > (s->scene == FALL ? b->full ? 24 : 20 : b->full ? 8 : 6)) return NULL;
+    want.solver = TWO_LEVEL;
+    want.lbfgs = 1;
+    want.tolerance = 1e-6;
+    want.step = moving(s->scene) ? 1.0 / 480 : 1.0 / 60;
+    want.bdf2 = 1;
+    return kept(b, want);
 }
 
 /* rms distance over the moments over the rms motion of `to`. */
@@ -193,7 +213,7 @@ static row *append(bench *b, const setup *s, int wide, const rival *by) {
     r->s = *s;
     r->wide = wide;
     r->by = by;
-    r->solver = r->step = r->continuum = -1;
+    r->solver = r->step = r->continuum = r->error = -1;
     return r;
 }
 
@@ -210,23 +230,21 @@ static void repeat(const bench *b, row *r, course *c) {
     r->ms = bench_median(ms, REPEATS, &r->spread);
     r->iterations = (double)c->iterations / c->steps;
     r->capped = (double)c->capped / c->steps;
-    r->continuum = continuum_error(b, r->s.scene, c);
+    r->continuum = r->error = seen_error(b, r->s.scene, c, NULL);
 }
 
-/* The row of s, made unless it is there. Errors: to the converged solution, and of the step, when they are wanted; the
-   continuum's always. */
-static row *measure(bench *b, const setup *s, int wide, int solver, int step) {
+/* The row of s, made unless it is there; with its error to the converged solution when that is wanted. */
+static row *measure(bench *b, const setup *s, int wide, int solver) {
     row *r = find(b, s, wide);
-    setup fine = *s;
+    const course *fine;
     course c;
-    int moments = scene_moments(s->scene);
-    if (r && (r->lost || (!(solver && r->solver < 0) && !(step && r->step < 0)))) return r;
+    if (r && (r->lost || !solver || r->solver >= 0)) return r;
     if (!r) r = append(b, s, wide, NULL);
-    fine.step = fine_step;
-    fine.bdf2 = 1;
     repeat(b, r, &c);
-    if (!r->lost && solver) r->solver = distance(&c, converged(b, s), moments);
-    if (!r->lost && step) r->step = distance(&c, converged(b, &fine), moments);
+    fine = r->lost ? NULL : timeless(b, s);
+    if (fine) r->step = seen_error(b, s->scene, &c, fine);
+    if (r->step > r->error) r->error = r->step;
+    if (!r->lost && solver) r->solver = distance(&c, converged(b, s), scene_moments(s->scene));
     b->lost += r->lost;
     free(c.x);
     return r;
@@ -273,7 +291,7 @@ static void slice_solvers(bench *b, int scene) {
                     s.solver = solver;
                     s.lbfgs = lbfgs;
                     s.tolerance = tolerances[k];
-                    if (worth(b, &s)) measure(b, &s, 0, 1, 0)->sliced = 1;
+                    if (worth(b, &s)) measure(b, &s, 0, 1)->sliced = 1;
                 }
 }
 
@@ -285,7 +303,7 @@ static void slice_precision(bench *b, int scene) {
             for (k = 0; k < 3; k++) {
                 setup s = base(b, scene, model);
                 s.tolerance = to[k];
-                if (b->full || model == CORRESPONDENCE) measure(b, &s, wide, 1, 0)->sliced = 1;
+                if (b->full || model == CORRESPONDENCE) measure(b, &s, wide, 1)->sliced = 1;
             }
 }
 
@@ -299,7 +317,7 @@ static void slice_steps(bench *b, int scene) {
                 s.bdf2 = bdf2;
                 s.step = 1.0 / per_second[k];
                 if (scene == FALL && !b->full && model != CORRESPONDENCE && model != PROJECTIVE) continue;
-                if (moving(scene) || bdf2) measure(b, &s, 0, b->full, moving(scene));
+                if (moving(scene) || bdf2) measure(b, &s, 0, b->full);
             }
 }
 
@@ -325,7 +343,7 @@ static void slice_resolution(bench *b, int scene) {
                 s.bdf2 = recipes[k].bdf2;
                 if (a >= (b->full ? 4 : 3) && k != 2) continue;
                 if (a == 5 && !moving(scene)) continue;
-                measure(b, &s, 0, 0, 0);
+                measure(b, &s, 0, 0);
             }
 }
 
@@ -369,8 +387,8 @@ static void mark(bench *b, int scene, int front, double (*of)(const row *r, int 
 }
 
 /* model -1: every row, other methods' too; -2: peri's. */
-static double by_continuum(const row *r, int model) {
-    return model == -1 || (model == -2 && !r->by) || r->s.model == model ? r->continuum : -1;
+static double by_error(const row *r, int model) {
+    return model == -1 || (model == -2 && !r->by) || r->s.model == model ? r->error : -1;
 }
 
 static double by_solver(const row *r, int model) { return (void)model, r->sliced ? r->solver : -1; }
@@ -378,9 +396,9 @@ static double by_solver(const row *r, int model) { return (void)model, r->sliced
 static void mark_all(bench *b) {
     int scene, model;
     for (scene = 0; scene < SCENES; scene++) {
-        mark(b, scene, FRONT_CONTINUUM, by_continuum, -1);
+        mark(b, scene, FRONT_ALL, by_error, -1);
         mark(b, scene, FRONT_SOLVER, by_solver, -1);
-        for (model = 0; model < MODELS; model++) mark(b, scene, FRONT_MODEL, by_continuum, model);
+        for (model = 0; model < MODELS; model++) mark(b, scene, FRONT_MODEL, by_error, model);
     }
 }
 
@@ -407,8 +425,8 @@ static void write_error(FILE *csv, double error) {
 static const char *name_of(const row *r) { return r->by ? r->by->name : model_name[r->s.model]; }
 
 static void write_row(FILE *csv, const row *r) {
-    static const char *const fronts[8] = {"", "continuum", "model", "continuum+model", "solver", "continuum+solver",
-                                          "model+solver", "continuum+model+solver"};
+    static const char *const fronts[8] = {"", "all", "model", "all+model", "solver", "all+solver", "model+solver",
+                                          "all+model+solver"};
     const char *lbfgs = r->by ? "" : r->s.lbfgs ? "on" : "off";
     if (r->lost) return;
     fprintf(csv, "%s,%s,%s,%s,%g,%.8g,%d,%s,%s,%.5g,%.3g", scene_name[r->s.scene], name_of(r),
@@ -417,6 +435,7 @@ static void write_row(FILE *csv, const row *r) {
     write_error(csv, r->solver);
     write_error(csv, r->step);
     write_error(csv, r->continuum);
+    write_error(csv, r->error);
     fprintf(csv, ",%s,%.1f,%.3g\n", fronts[r->front], r->iterations, r->capped);
 }
 
@@ -526,21 +545,21 @@ static void table_resolution(bench *b, int scene) {
 static void table_front(const bench *b, int scene) {
     double above = -1, shown = 1e30;
     int k;
-    printf("\nfront: what is fastest for each error to the continuum\n");
+    printf("\nfront: what is fastest for each error\n");
     for (;;) {
         const row *next = NULL;
         char text[160];
         for (k = 0; k < b->count; k++) {
             const row *r = &b->rows[k];
-            if (r->s.scene == scene && r->front & FRONT_CONTINUUM && r->ms > above && (!next || r->ms < next->ms))
+            if (r->s.scene == scene && r->front & FRONT_ALL && r->ms > above && (!next || r->ms < next->ms))
                 next = r;
         }
         if (!next) break;
         above = next->ms;
-        if (next->continuum > 0.98 * shown) continue;   /* not worth a line */
-        shown = next->continuum;
+        if (next->error > 0.98 * shown) continue;   /* not worth a line */
+        shown = next->error;
         describe(text, sizeof text, next);
-        printf("  %8.2f ms +- %2.0f %%  %7.3f %%  %-15s %s\n", next->ms, 50 * next->spread, 100 * next->continuum,
+        printf("  %8.2f ms +- %2.0f %%  %7.3f %%  %-15s %s\n", next->ms, 50 * next->spread, 100 * next->error,
                name_of(next), text);
     }
 }
@@ -549,7 +568,7 @@ static void table_front(const bench *b, int scene) {
    what the fall's reference is good for. */
 static void table_models(const bench *b) {
     int scene, model, k;
-    printf("\nWhich model do I take: ms a simulated second of the fastest run within an error to the continuum\n\n");
+    printf("\nWhich model do I take: ms a simulated second of the fastest run within an error\n\n");
     printf("| scene | model |");
     for (k = 0; k < TARGETS; k++) printf(" %g %% |", 100 * target[k]);
     printf(" best error |\n|---|---|");
@@ -560,15 +579,15 @@ static void table_models(const bench *b) {
             double least = 1e30;
             printf("| %s | %s |", model ? "" : scene_name[scene], model_name[model]);
             for (k = 0; k < TARGETS; k++) {
-                const row *r = soonest(b, scene, by_continuum, model, target[k]);
-                const row *best = soonest(b, scene, by_continuum, -2, target[k]);
+                const row *r = soonest(b, scene, by_error, model, target[k]);
+                const row *best = soonest(b, scene, by_error, -2, target[k]);
                 if (!r || (scene == FALL && target[k] < b->fine_off)) printf(" - |");
                 else printf(r == best ? " **%.3g** |" : " %.3g |", r->ms);
             }
             for (k = 0; k < b->count; k++)
-                if (b->rows[k].s.scene == scene && b->rows[k].s.model == model && b->rows[k].continuum >= 0 &&
-                    b->rows[k].continuum < least)
-                    least = b->rows[k].continuum;
+                if (b->rows[k].s.scene == scene && b->rows[k].s.model == model && b->rows[k].error >= 0 &&
+                    b->rows[k].error < least)
+                    least = b->rows[k].error;
             printf(" %.2g %% |\n", 100 * least);
         }
 }
@@ -581,10 +600,10 @@ static void table_rivals(const bench *b, int scene) {
         if (rivals[i]->scene != scene) continue;
         printf("\n%s: its error and ms, peri's ms at no larger error, ratio\n", rivals[i]->name);
         for (k = 0; k < b->count; k++) {    /* rows are sorted by time */
-            const row *r = &b->rows[k], *ours = soonest(b, scene, by_continuum, -2, r->continuum);
+            const row *r = &b->rows[k], *ours = soonest(b, scene, by_error, -2, r->error);
             char text[160];
-            if (r->by != rivals[i] || r->lost || r->continuum >= least) continue;
-            least = r->continuum;
+            if (r->by != rivals[i] || r->lost || r->error >= least) continue;
+            least = r->error;
             describe(text, sizeof text, r);
             if (!ours) printf("  %7.3f %%  %9.2f  %9s  %6s  %s\n", 100 * least, r->ms, "-", "-", text);
             else printf("  %7.3f %%  %9.2f  %9.2f  %6.2f  %s\n", 100 * least, r->ms, ours->ms, r->ms / ours->ms, text);
@@ -651,7 +670,7 @@ static void fall_reference(bench *b) {
     memcpy(b->fall, c.seen, sizeof b->fall);
     s.across = s.across * 3 / 4;
     if (!run(b, &s, 1, NULL, &coarse)) exit(2);
-    b->fine_off = continuum_error(b, FALL, &coarse);
+    b->fine_off = seen_error(b, FALL, &coarse, NULL);
     printf("fall: the fine run has %d particles; one of %d is %.1f %% off it\n", c.count, coarse.count,
            100 * b->fine_off);
     free(c.x);
@@ -661,7 +680,7 @@ static void fall_reference(bench *b) {
 int main(int argc, char **argv) {
     static bench b;
     FILE *csv = bench_csv(argc, argv, "scene,model,solver,lbfgs,tolerance,step_s,across,integrator,precision,"
-                                      "ms_per_simulated_s,spread,error_solver,error_step,error_continuum,pareto,"
+                                      "ms_per_simulated_s,spread,error_solver,error_step,error_continuum,error,pareto,"
                                       "iterations,capped");
     int scene, k, good = 1;
     b.full = bench_full(argc, argv);

@@ -1,6 +1,7 @@
-# tests/bench/accuracy.gp - speed against accuracy, a scene a column. Above: error to the continuum, below: what the
-# solver leaves. Colour: model. Point: solver, filled under L-BFGS, open without. Black line: the front of all; coloured
-# lines: the fronts of the models. Rows come sorted by time, so that lines run to the right.
+# tests/bench/accuracy.gp - speed against accuracy, a scene a column. Above: the larger of the errors to the continuum
+# and of the step, below: what the solver leaves. Colour: model. Point: solver, filled under L-BFGS, open without. Black
+# line: the front of all; coloured lines: the fronts of the models. Rows come sorted by time, so that lines run to the
+# right.
 set datafile separator ","
 set datafile missing NaN
 set terminal pngcairo size 2400,1300 font ",13"
@@ -22,17 +23,17 @@ is(name, text) = name eq text
 of(scene, model, solver, lbfgs, c) = is(strcol(1), scene) && is(strcol(2), model) && is(strcol(3), solver) && \
     is(strcol(4), lbfgs) && strlen(strcol(c)) ? column(c) : NaN
 front(scene, model, which, c) = is(strcol(1), scene) && (model eq "" || is(strcol(2), model)) && \
-    strstrt(strcol(15), which) ? column(c) : NaN
+    strstrt(strcol(16), which) ? column(c) : NaN
 set multiplot layout 2,4 margins 0.035,0.99,0.095,0.97 spacing 0.035,0.075
 unset key
 do for [scene in "swing stretch twist fall"] {
     set title scene.": error to ".(scene eq "fall" ? "a fine run" : "finite elements") offset 0,-0.6
-    plot for [m = 1:4] csv every ::1 using 10:(front(scene, word(models, m), "model", 14)) with steps lw 1.5 \
+    plot for [m = 1:4] csv every ::1 using 10:(front(scene, word(models, m), "model", 15)) with steps lw 1.5 \
              lc rgb word(colours, m), \
          for [m = 1:4] for [s = 1:5] for [l in "on off"] csv every ::1 \
-             using 10:(of(scene, word(models, m), word(solvers, s), l, 14)) with points ps 1.1 \
+             using 10:(of(scene, word(models, m), word(solvers, s), l, 15)) with points ps 1.1 \
              pt point(s, l) lc rgb word(colours, m), \
-         csv every ::1 using 10:(front(scene, "", "continuum", 14)) with steps lw 3 lc rgb "black"
+         csv every ::1 using 10:(front(scene, "", "all", 15)) with steps lw 3 lc rgb "black"
 }
 set xlabel "ms of processor time a simulated second" offset 0,0.5
 do for [scene in "swing stretch twist fall"] {

@@ -10,8 +10,8 @@
               pulled along x to a stretch of 1.5 in 1 s. Seen: nominal stress at that end, Pa.
      twist    the same beam; the gripped end turns about x by 180 degrees in 1 s. Seen: torque, N m.
      fall     a figure 1 m tall, E = 2e5 Pa, 500 kg/m^3, 0.05 m above the ground, comes down at 2 m/s, friction 0.5;
-              0.4 s. Seen: by how much the height of the centre of mass, and the rms distance of the matter from it along z,
-              have changed, m. */
+              0.4 s. Seen: by how much the height of the centre of mass, and the rms distance of the matter from it
+              along z, have changed, m. */
 #ifndef BENCH_ACCURACY_SCENE_H
 #define BENCH_ACCURACY_SCENE_H
 
@@ -51,8 +51,8 @@ typedef struct mesh {
     int vertex_count, triangle_count;
 } mesh;
 
-/* Another method on one of the scenes. It reads of the setup what it knows - tolerance, step, across (its cells over the
-   beam's side), patience - and leaves `seen`, ms, steps and iterations; x stays NULL. Returns 0 when it was lost. */
+/* Another method on one of the scenes. It reads of the setup what it knows - tolerance, step, across (its cells over
+   the beam's side), patience - and leaves `seen`, ms, steps and iterations; x stays NULL. Returns 0 when it was lost. */
 typedef struct rival {
     const char *name;
     int scene;
