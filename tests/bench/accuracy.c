@@ -347,24 +347,38 @@ static void slice_resolution(bench *b, int scene) {
             }
 }
 
-/* Everything that another method can be asked for. */
+/* One other method with so many cells across: steps and tolerances, beside its own run with time converged. */
+static void ask_rival(bench *b, const rival *by, int across) {
+    static const int per_second[4] = {30, 60, 120, 240};
+    setup s = base(b, by->scene, MODELS);
+    course c, timeless_c;
+    int k, fine;
+    s.across = across;
+    s.bdf2 = 0;
+    s.step = 1.0 / 960;
+    s.tolerance = 1e-6;
+    s.patience = 1e9;
+    fine = by->run(&s, &timeless_c);
+    for (k = 0; k < 8 && fine; k++) {
+        row *r;
+        s.step = 1.0 / per_second[k / 2];
+        s.tolerance = k % 2 ? 1e-4 : 1e-2;
+        s.patience = base(b, by->scene, MODELS).patience;
+        r = append(b, &s, 1, by);
+        repeat(b, r, &c);
+        b->lost += r->lost;
+        if (!r->lost) r->step = seen_error(b, by->scene, &c, &timeless_c);
+        if (r->step > r->error) r->error = r->step;
+        free(c.x);
+    }
+    free(timeless_c.x);
+}
+
 static void slice_rivals(bench *b, int scene) {
-    static const int cells[5] = {2, 3, 4, 6, 8}, per_second[4] = {30, 60, 120, 240};
-    int i, a, k, fine;
+    static const int cells[5] = {2, 3, 4, 6, 8};
+    int i, a;
     for (i = 0; rivals[i]; i++)
-        for (a = 0; a < (b->full ? 5 : 4) && rivals[i]->scene == scene; a++)
-            for (k = 0; k < 4; k++)
-                for (fine = 0; fine < 2; fine++) {
-                    setup s = base(b, scene, MODELS);
-                    course c;
-                    s.across = cells[a];
-                    s.step = 1.0 / per_second[k];
-                    s.tolerance = fine ? 1e-4 : 1e-2;
-                    s.bdf2 = 0;
-                    repeat(b, append(b, &s, 1, rivals[i]), &c);
-                    b->lost += b->rows[b->count - 1].lost;
-                    free(c.x);
-                }
+        for (a = 0; a < (b->full ? 5 : 4) && rivals[i]->scene == scene; a++) ask_rival(b, rivals[i], cells[a]);
 }
 
 /* ---- fronts ---------------------------------------------------------------------------------------------------- */

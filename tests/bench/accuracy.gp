@@ -27,7 +27,7 @@ front(scene, model, which, c) = is(strcol(1), scene) && (model eq "" || is(strco
 set multiplot layout 2,4 margins 0.035,0.99,0.095,0.97 spacing 0.035,0.075
 unset key
 do for [scene in "swing stretch twist fall"] {
-    set title scene.": error to ".(scene eq "fall" ? "a fine run" : "finite elements") offset 0,-0.6
+    set title scene.": error to ".(scene eq "fall" ? "a fine run" : "finite elements").", or of the step" offset 0,-0.6
     plot for [m = 1:4] csv every ::1 using 10:(front(scene, word(models, m), "model", 15)) with steps lw 1.5 \
              lc rgb word(colours, m), \
          for [m = 1:4] for [s = 1:5] for [l in "on off"] csv every ::1 \

@@ -52,7 +52,7 @@ typedef struct mesh {
 } mesh;
 
 /* Another method on one of the scenes. It reads of the setup what it knows - tolerance, step, across (its cells over
-   the beam's side), patience - and leaves `seen`, ms, steps and iterations; x stays NULL. Returns 0 when it was lost. */
+   the beam's side), patience - and leaves `seen`, ms, steps and iterations; x stays NULL. Returns 0 when lost. */
 typedef struct rival {
     const char *name;
     int scene;
