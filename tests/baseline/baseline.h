@@ -73,9 +73,11 @@ static int baseline__cells(const baseline_def *def, int axis) {
 
 #include "bonds.h"
 #include "newton.h"
+#include "principal.h"
 
 #include "explicit.h"
 #include "springs.h"
+#include "tets.h"
 
 static const baseline__method baseline__table[BASELINE_METHODS] = {
     {"explicit bonds", 0, baseline__explicit_create, baseline__explicit_step, baseline__bond_energy,
@@ -83,8 +85,8 @@ static const baseline__method baseline__table[BASELINE_METHODS] = {
     {"mass-spring", 0, baseline__springs_create, baseline__springs_step, baseline__bond_energy,
      baseline__springs_destroy},
     {"least-squares gradient", 0, NULL, NULL, NULL, NULL},
-    {"StVK tetrahedra", 1, NULL, NULL, NULL, NULL},
-    {"corotated tetrahedra", 1, NULL, NULL, NULL, NULL},
+    {"StVK tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy, baseline__tets_destroy},
+    {"corotated tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy, baseline__tets_destroy},
     {"shape matching", 0, NULL, NULL, NULL, NULL},
     {"XPBD", 0, NULL, NULL, NULL, NULL},
 };
