@@ -77,6 +77,7 @@ static int baseline__cells(const baseline_def *def, int axis) {
 
 #include "explicit.h"
 #include "springs.h"
+#include "mls.h"
 #include "tets.h"
 
 static const baseline__method baseline__table[BASELINE_METHODS] = {
@@ -84,9 +85,12 @@ static const baseline__method baseline__table[BASELINE_METHODS] = {
      baseline__explicit_destroy},
     {"mass-spring", 0, baseline__springs_create, baseline__springs_step, baseline__bond_energy,
      baseline__springs_destroy},
-    {"least-squares gradient", 0, NULL, NULL, NULL, NULL},
-    {"StVK tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy, baseline__tets_destroy},
-    {"corotated tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy, baseline__tets_destroy},
+    {"least-squares gradient", 0, baseline__mls_create, baseline__mls_step, baseline__mls_energy,
+     baseline__mls_destroy},
+    {"StVK tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy,
+     baseline__tets_destroy},
+    {"corotated tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy,
+     baseline__tets_destroy},
     {"shape matching", 0, NULL, NULL, NULL, NULL},
     {"XPBD", 0, NULL, NULL, NULL, NULL},
 };
