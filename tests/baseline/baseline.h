@@ -79,6 +79,8 @@ static int baseline__cells(const baseline_def *def, int axis) {
 #include "springs.h"
 #include "mls.h"
 #include "tets.h"
+#include "shape.h"
+
 
 static const baseline__method baseline__table[BASELINE_METHODS] = {
     {"explicit bonds", 0, baseline__explicit_create, baseline__explicit_step, baseline__bond_energy,
@@ -91,7 +93,7 @@ static const baseline__method baseline__table[BASELINE_METHODS] = {
      baseline__tets_destroy},
     {"corotated tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy,
      baseline__tets_destroy},
-    {"shape matching", 0, NULL, NULL, NULL, NULL},
+    {"shape matching", 0, baseline__shape_create, baseline__shape_step, NULL, baseline__shape_destroy},
     {"XPBD", 0, NULL, NULL, NULL, NULL},
 };
 

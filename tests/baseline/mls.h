@@ -11,7 +11,7 @@
 
 typedef struct baseline__mls {
     baseline__newton newton;
-    baseline__blocks map;               /* row i holds the vectors a_ik of F_i = sum_k x_k a_ik^T, i itself among them */
+    baseline__blocks map;               /* row i holds the vectors a_ik of F_i = sum_k x_k a_ik^T, i among them */
     double mu, lambda;
     double *tangent;                    /* 81 count */
 } baseline__mls;

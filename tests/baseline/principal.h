@@ -53,7 +53,7 @@ static void baseline__corotated(const double s[3], double mu, double lambda, bas
     }
 }
 
-/* log s, continued below BASELINE_FLAT by its parabola, so that flat and inverted matter has a finite force outwards. */
+/* log s, continued below BASELINE_FLAT by its parabola: flat and inverted matter has a finite force outwards. */
 #define BASELINE_FLAT 0.25
 static double baseline__log(double s, double *first, double *second) {
     double q = s / BASELINE_FLAT - 1;
