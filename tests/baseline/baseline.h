@@ -80,7 +80,7 @@ static int baseline__cells(const baseline_def *def, int axis) {
 #include "mls.h"
 #include "tets.h"
 #include "shape.h"
-
+#include "xpbd.h"
 
 static const baseline__method baseline__table[BASELINE_METHODS] = {
     {"explicit bonds", 0, baseline__explicit_create, baseline__explicit_step, baseline__bond_energy,
@@ -94,7 +94,7 @@ static const baseline__method baseline__table[BASELINE_METHODS] = {
     {"corotated tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy,
      baseline__tets_destroy},
     {"shape matching", 0, baseline__shape_create, baseline__shape_step, NULL, baseline__shape_destroy},
-    {"XPBD", 0, NULL, NULL, NULL, NULL},
+    {"XPBD", 0, baseline__xpbd_create, baseline__xpbd_step, baseline__bond_energy, baseline__xpbd_destroy},
 };
 
 BASELINE_MAY const char *baseline_name(baseline_method method) { return baseline__table[method].name; }
