@@ -98,11 +98,12 @@ $(BUILD)/bench/cholesky: tests/bench/cholesky.c $(wildcard tests/bench/cholesky/
 	$(COMPILE) -c -o $@.main.o $(CHOLMOD:yes=-DBENCH_CHOLMOD) $(EIGEN:yes=-DBENCH_EIGEN) $<
 	$(if $(EIGEN),$(CXX),$(CC)) $(CFLAGS) -o $@ $@.*.o $(if $(CHOLMOD),-lcholmod -ldl) -lm
 
-# The benchmark of speed against accuracy has peri in both precisions.
-$(BUILD)/bench/accuracy: tests/bench/accuracy.c $(wildcard tests/bench/accuracy/*) $(HEADERS)
+# The benchmark of speed against accuracy has peri in both precisions, and other methods.
+$(BUILD)/bench/accuracy: tests/bench/accuracy.c $(wildcard tests/bench/accuracy/* tests/baseline/*) $(HEADERS)
 	@mkdir -p $(@D) && rm -f $@ $@.*.o
 	$(COMPILE) -c -o $@.float.o tests/bench/accuracy/peri.c
 	$(COMPILE) -c -o $@.double.o -DPERI_DOUBLE tests/bench/accuracy/peri.c
+	$(COMPILE) -c -o $@.baseline.o tests/bench/accuracy/baseline.c
 	$(COMPILE) -c -o $@.main.o $<
 	$(CC) $(CFLAGS) -o $@ $@.*.o -lm
 

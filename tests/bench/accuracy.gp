@@ -1,6 +1,6 @@
 # tests/bench/accuracy.gp - speed against accuracy, a scene a column. Above: the larger of the errors to the continuum
-# and of the step, below: what the solver leaves. Colour: model. Point: solver, filled under L-BFGS, open without. Black
-# line: the front of all; coloured lines: the fronts of the models. Rows come sorted by time, so that lines run to the
+# and of the step, below: what the solver leaves. Colour: model. Point: solver, filled under L-BFGS, open without. Grey
+# crosses: other methods (tests/baseline). Black line: the front of all; coloured lines: the fronts of the models. Rows come sorted by time, so that lines run to the
 # right.
 set datafile separator ","
 set datafile missing NaN
@@ -33,6 +33,8 @@ do for [scene in "swing stretch twist fall"] {
          for [m = 1:4] for [s = 1:5] for [l in "on off"] csv every ::1 \
              using 10:(of(scene, word(models, m), word(solvers, s), l, 15)) with points ps 1.1 \
              pt point(s, l) lc rgb word(colours, m), \
+         csv every ::1 using 10:(is(strcol(1), scene) && is(strcol(3), "") ? column(15) : NaN) with points ps 1 \
+             pt 2 lc rgb "#777777", \
          csv every ::1 using 10:(front(scene, "", "all", 15)) with steps lw 3 lc rgb "black"
 }
 set xlabel "ms of processor time a simulated second" offset 0,0.5
@@ -47,8 +49,9 @@ do for [scene in "swing stretch twist fall"] {
             set label 4 + s at screen 0.42 + 0.075 * (s - 1), 0.025 word(solvers, s) point pt point(s, "on") ps 1.6 \
                 offset 1,0
         }
-        set label 10 at screen 0.80,0.025 "open: without L-BFGS" point pt 6 ps 1.6 offset 1,0
-        set label 11 at screen 0.92,0.025 "black line: front of all"
+        set label 10 at screen 0.78,0.025 "open: without L-BFGS" point pt 6 ps 1.6 offset 1,0
+        set label 11 at screen 0.865,0.025 "other methods" point pt 2 ps 1.6 lc rgb "#777777" offset 1,0
+        set label 12 at screen 0.925,0.025 "black line: front of all"
     }
     plot for [m = 1:4] for [s = 1:5] for [l in "on off"] csv every ::1 \
              using 10:(of(scene, word(models, m), word(solvers, s), l, 12)) with points ps 1.1 \

@@ -55,9 +55,11 @@ typedef struct mesh {
    the beam's side), patience - and leaves `seen`, ms, steps and iterations; x stays NULL. Returns 0 when lost. */
 typedef struct rival {
     const char *name;
-    int scene;
-    int (*run)(const setup *s, course *out);
+    int scene, kind;        /* kind: for run */
+    int (*run)(const struct rival *by, const setup *s, course *out);
 } rival;
+
+extern const rival bench_baselines[];   /* ends with a NULL name */
 
 /* Duration in s, and number of moments. */
 double scene_duration(int scene);
