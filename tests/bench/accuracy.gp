@@ -1,7 +1,7 @@
 # tests/bench/accuracy.gp - speed against accuracy, a scene a column. Above: the larger of the errors to the continuum
 # and of the step, below: what the solver leaves. Colour: model. Point: solver, filled under L-BFGS, open without. Grey
-# crosses: other methods (tests/baseline). Black line: the front of all; coloured lines: the fronts of the models. Rows come sorted by time, so that lines run to the
-# right.
+# crosses: other methods (tests/baseline). Black line: the front of all; coloured lines: the fronts of the models. Rows
+# come sorted by time, so that lines run to the right.
 set datafile separator ","
 set datafile missing NaN
 set terminal pngcairo size 2400,1300 font ",13"
