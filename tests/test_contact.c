@@ -372,6 +372,27 @@ static void bullets(void) {
         }
 }
 
+/* The end of a limb, as a heap of them met it: 7 particles around one that presses on it. The nearest must bear some of
+   the load; without it the foot hung between two neighbours, leapt back when the particle had been pushed, and the heap
+   shook for ever. */
+static void foot_of_a_limb(void) {
+    static const double end[7][3] = {{0.0002, -0.0018, 0.0516}, {0.0384, 0.0039, 0.0413}, {-0.0445, -0.0307, 0.0314},
+                                     {0.0045, -0.0567, 0.0386}, {-0.0377, -0.0078, 0.0632}, {0.0423, -0.0505, 0.0270},
+                                     {0.0068, 0.0203, 0.0843}};
+    double place[PERI__PATCH][3], x[3] = {0, 0, 0}, sum = 0;
+    peri__contact t;
+    int k;
+    memset(&t, 0, sizeof t);
+    memcpy(place, end, sizeof end);
+    t.count = 7;
+    t.reach2 = 0.0721 * 0.0721;
+    t.normal[2] = -1;
+    CHECK(peri__foot_weights(&t, x, place));
+    for (k = 0; k < 7; k++) sum += t.share[k];
+    NEAR(sum, 1, 1e-12);
+    CHECK(t.share[0] > 0.05);
+}
+
 /* Energy of a world without gravity, that of the springs of its contacts included. */
 static double whole_energy(const pile *p) {
     static peri_contact c[4000];
@@ -763,6 +784,7 @@ int main(int argc, char **argv) {
     RUN(density_ratio);
     RUN(collisions);
     RUN(bullets);
+    RUN(foot_of_a_limb);
     RUN(passes_an_edge);
     RUN(capped_steps);
     RUN(cloth_holds);
