@@ -1,6 +1,6 @@
-/* tests/fem.h - finite elements, the independent reference of the stability atlas: a box of quadratic bricks (27 nodes),
-   total Lagrangian, backward Euler or static, Newton with a line search, banded LDL^T, double. It knows nothing of
-   peri: no particle, no bond, no header of it.
+/* tests/fem.h - finite elements, the independent reference of the stability atlas: a box of quadratic bricks, 27 nodes
+   each, total Lagrangian, backward Euler or static, Newton with a line search, banded LDL^T, double. It knows nothing
+   of peri: no particle, no bond, no header of it.
 
    Laws: neo-Hookean mu/2 (I1 - 3) - mu log J + lambda/2 log^2 J, St. Venant-Kirchhoff mu E:E + lambda/2 tr(E)^2. The
    lambda part is integrated at 2 x 2 x 2 points, the rest at 3 x 3 x 3 (selective integration), so that nothing locks

@@ -1,20 +1,20 @@
-/* tests/stability.h - the cells of the stability atlas: one small scene each, run by one of our models and solvers or by
-   one of the methods of tests/baseline, and judged against finite elements (tests/fem.h) or an exact solution. Shared by
-   tests/bench/atlas.c, which draws the maps, and tests/test_stability.c.
+/* tests/stability.h - the cells of the stability atlas: one small scene each, run by one of our models and solvers or
+   by one of the methods of tests/baseline, and judged against finite elements (tests/fem.h) or an exact solution.
+   Shared by tests/bench/atlas.c, which draws the maps, and tests/test_stability.c.
 
    Include it after peri.h (with PERI_IMPLEMENTATION). Everything is static.
 
    MAPS (x, y), d the spacing, 25 mm, 1000 kg/m^3, Poisson's ratio 1/4, 9.81 m/s^2, unless said
-   modulus   Young's modulus, time step: a cantilever 16 x 4 x 4 d let go at rest, for a period of its slowest vibration,
-             but at least 6 and at most 40 steps; gravity E/4e4, so that all bend alike, the tip by a quarter of the
-             length. Poisson's ratio 0: bending hardly depends on it, and the next map is about it
+   modulus   Young's modulus, time step: a cantilever 16 x 4 x 4 d let go at rest, for a period of its slowest
+             vibration, but at least 6 and at most 30 steps; gravity E/4e4, so that all bend alike, the tip by a
+             quarter of the length. Poisson's ratio 0: bending hardly depends on it, and the next map is about it
    poisson   Poisson's ratio, time step: a bar 12 x 4 x 4 d gripped at both ends at stretch 1.1, let go, E 2e4, as long
-   stretch   ratio along x, ratio along y: a cube of 7^3 whose outer layer is pulled or pressed to them, in steps of
+   stretch   ratio along x, ratio along y: a cube of 6^3 whose outer layer is pulled or pressed to them, in steps of
              1/30 s of at most a quarter of a spacing, then held for 12 steps; E 1e5, no gravity
    mass      density of the last quarter over the rest's, time step: as modulus, E 4e5; the denser has 1000 kg/m^3
    contact   density of the upper cube over the lower's (1000 at the upper), time step: two cubes of 5^3 on each other
-             in a shaft, all without friction, d 50 mm, E 2e4, 1 s and at least 20 steps, the
-             mean of the second half. Ours only: no baseline has contact
+             in a shaft, all without friction, d 50 mm, E 2e4, 1 s and at least 20 steps, the mean of the second half.
+             Ours only: no baseline has contact
    collapse  1 plane, 2 line, 3 point, 4 mirror image, 5 shuffle; time step: a cube of 5^3, E 1e6, no gravity, 100 steps
    section   rows, layers of a bar 12 long (one layer: coplanar families; one row of one layer: collinear ones), gripped
              at stretch 1.25, E 1e5, no gravity, free particles shaken by d/10, 30 steps of 1/30 s
@@ -33,8 +33,9 @@
              incompressible bar's: Poisson's ratio is to be within 0.05.
              the affine map (stretch, removed), the exact solution: rms distance of the free points in spacings; in
              stretch also, of ours, the mean Cauchy stress over the law's (E/20 at least).
-             uniaxial strain (contact), exact: shortening of the lower cube between its second and fourth layer over it
-             (the outermost layers are stiffer by themselves), and the floor's force over the weight.
+             uniaxial strain (contact), exact, by the same laws: shortening of the lower cube between its second and
+             fourth layer over it (the outermost layers are stiffer by themselves), and the floor's force over the
+             weight.
              the rest shape (collapse): rms distance to its best rigid fit, in spacings.
    CELL      red: a step failed, was not finite or went further than ten lengths; the error is 100 % (collapse: half a
              spacing) or more; more than half of the steps used up their iterations and the error is above 10 %.
@@ -113,7 +114,7 @@ STABILITY_MAY plan plan_of(map m, double x, double y) {
         p.young = m == MAP_MODULUS ? x : m == MAP_MASS ? 4e5 : 2e4;
         p.gravity[2] = m == MAP_MODULUS ? -x / 4e4 : -9.81;
         p.steps = (int)(sqrt(1e5 / p.young) / p.dt + 0.5);
-        p.steps = p.steps < 6 ? 6 : p.steps > 40 ? 40 : p.steps;
+        p.steps = p.steps < 6 ? 6 : p.steps > 30 ? 30 : p.steps;
     } else p.steps = 30;
     switch (m) {
     case MAP_POISSON:
@@ -122,7 +123,7 @@ STABILITY_MAY plan plan_of(map m, double x, double y) {
         p.grips = 2;
         break;
     case MAP_STRETCH:
-        p.cells[0] = p.cells[1] = p.cells[2] = 7;
+        p.cells[0] = p.cells[1] = p.cells[2] = 6;
         p.grips = 0;
         p.shell = 1;
         p.along = x;
@@ -142,7 +143,7 @@ STABILITY_MAY plan plan_of(map m, double x, double y) {
         p.shake = 0.1;
         break;
     case MAP_REMOVED:
-        p.cells[0] = p.cells[1] = p.cells[2] = 7;
+        p.cells[0] = p.cells[1] = p.cells[2] = 6;
         p.grips = 0;
         p.shell = 1;
         p.along = 1.25;
@@ -188,7 +189,7 @@ STABILITY_MAY double plan_weight(const plan *p, int k) {
     return k >= p->steps - 5;
 }
 
-/* ---- the reference ------------------------------------------------------------------------------------------------- */
+/* ---- the reference ----------------------------------------------------------------------------------------------- */
 
 typedef struct guide {
     plan p;
@@ -204,7 +205,7 @@ STABILITY_MAY void guide_begin(guide *g, const plan *p, fem_law law, int finer) 
     memset(g, 0, sizeof *g);
     g->p = *p;
     for (c = 0; c < 3; c++) size[c] = p->cells[c] * p->spacing;
-    elements[0] = 4;
+    elements[0] = p->m == MAP_POISSON ? 8 : 4;
     elements[1] = 1;
     elements[2] = p->m == MAP_POISSON ? 2 : 1;
     for (c = 0; finer && c < 3; c++) elements[c] *= 2;
@@ -237,7 +238,7 @@ STABILITY_MAY int map_guided(map m) {
     return m == MAP_MODULUS || m == MAP_POISSON || m == MAP_MASS || m == MAP_SECTION;
 }
 
-/* ---- who is judged --------------------------------------------------------------------------------------------------- */
+/* ---- who is judged ----------------------------------------------------------------------------------------------- */
 
 typedef struct subject {
     plan p;
@@ -496,7 +497,7 @@ STABILITY_MAY cell subject_cell(const subject *s, double error, double bad) {
     return c;
 }
 
-/* ---- maps with finite elements --------------------------------------------------------------------------------------------------- */
+/* ---- maps with finite elements ----------------------------------------------------------------------------------- */
 
 /* Rms distance of the free points to the reference over its rms displacement, at least d/10; between two grips of the
    worst axis. */
@@ -547,7 +548,7 @@ STABILITY_MAY double guided_error(const subject *s, const guide *g) {
     return e <= error ? error : e;
 }
 
-/* ---- maps with an affine solution ---------------------------------------------------------------------------------- */
+/* ---- maps with an affine solution -------------------------------------------------------------------------------- */
 
 /* Cauchy stress of the method's law under diag(along, across, 1): its diagonal. */
 STABILITY_MAY void exact_stress(const subject *s, double stress[3]) {
@@ -599,7 +600,7 @@ STABILITY_MAY double affine_error(const subject *s) {
     return stress <= error ? error : stress;
 }
 
-/* ---- the two together ---------------------------------------------------------------------------------------------- */
+/* ---- the two together -------------------------------------------------------------------------------------------- */
 
 /* g NULL: the solution is affine. */
 STABILITY_MAY cell driven_cell(const plan *p, int method, peri_solver solver, const guide *g) {
@@ -625,7 +626,7 @@ STABILITY_MAY cell driven_cell(const plan *p, int method, peri_solver solver, co
     return c;
 }
 
-/* ---- collapse ------------------------------------------------------------------------------------------------------ */
+/* ---- collapse ---------------------------------------------------------------------------------------------------- */
 
 STABILITY_MAY double misfit(const subject *s) {
     double from[3] = {0}, to[3] = {0}, a[9] = {0}, r[9], sum = 0;
@@ -685,28 +686,29 @@ STABILITY_MAY cell collapse_cell(const plan *p, int kind, int method, peri_solve
     return c;
 }
 
-/* ---- contact ------------------------------------------------------------------------------------------------------- */
+/* ---- contact ----------------------------------------------------------------------------------------------------- */
 
-/* Ratio of length under a pressure, sides held, neo-Hookean: by bisection. */
-STABILITY_MAY double squeezed(double mu, double lambda, double pressure) {
-    double low = 0.05, high = 1;
+/* Ratio of length under a pressure, sides held, by the law: by bisection, where the pressure still grows. */
+STABILITY_MAY double squeezed(int stvk, double mu, double lambda, double pressure) {
+    double low = stvk ? 0.58 : 0.05, high = 1;
     int k;
     for (k = 0; k < 60; k++) {
         double l = (low + high) / 2;
-        if (-(mu * (l - 1 / l) + lambda * log(l) / l) > pressure) low = l; else high = l;
+        double push = stvk ? (lambda + 2 * mu) * l * (1 - l * l) / 2 : mu * (1 / l - l) - lambda * log(l) / l;
+        if (push > pressure) low = l; else high = l;
     }
     return (low + high) / 2;
 }
 
 /* Shortening between the lower cube's second and fourth layer of particles by the load above. */
-STABILITY_MAY double exact_shortening(const plan *p) {
+STABILITY_MAY double exact_shortening(const plan *p, int stvk) {
     double mu = p->young / (2 * (1 + p->poisson)), sum = 0, side = p->cells[2] * p->spacing;
     double lambda = p->young * p->poisson / ((1 + p->poisson) * (1 - 2 * p->poisson));
     int k, parts = 200;
     for (k = 0; k < parts; k++) {
         double z = p->spacing * (1.5 + 2 * (k + 0.5) / parts);
         double pressure = 9.81 * (1000 * side + p->density * (side - z));
-        sum += (1 - squeezed(mu, lambda, pressure)) * 2 * p->spacing / parts;
+        sum += (1 - squeezed(stvk, mu, lambda, pressure)) * 2 * p->spacing / parts;
     }
     return sum;
 }
@@ -742,7 +744,8 @@ STABILITY_MAY cell contact_cell(const plan *p, int method, peri_solver solver) {
     peri_material m;
     peri_body_id top;
     peri_real *points;
-    double exact = exact_shortening(p), side = p->cells[2] * p->spacing, weight, push = 0, error = HUGE_VAL, high = 0;
+    double exact = exact_shortening(p, method == STVK), side = p->cells[2] * p->spacing, weight;
+    double push = 0, error = HUGE_VAL, high = 0;
     int i, k, half = p->steps / 2, n;
     subject_begin(&s, p, method, solver);
     n = s.count;
@@ -782,7 +785,7 @@ STABILITY_MAY cell contact_cell(const plan *p, int method, peri_solver solver) {
     return c;
 }
 
-/* ---- one cell of any map ------------------------------------------------------------------------------------------- */
+/* ---- one cell of any map ----------------------------------------------------------------------------------------- */
 
 /* The references of a cell, made once for all methods; [0] neo-Hookean, [1] St. Venant-Kirchhoff. */
 STABILITY_MAY void guides_begin(guide g[2], map m, double x, double y) {

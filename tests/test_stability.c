@@ -1,17 +1,17 @@
 /* tests/test_stability.c - where other methods are lost and ours is right: cells of the stability atlas (stability.h
-   says what happens in them, and when a cell is green or red; build/bench/atlas draws them all). Each test is one map and
-   one of the methods of tests/baseline: in every cell of its list the baseline must be red and ours (correspondence
+   says what happens in them, and when a cell is green or red; build/bench/atlas draws them all). Each test is one map
+   and one of the methods of tests/baseline: in every cell of its list the baseline must be red and ours (correspondence
    neo-Hookean, solver AUTO, as they come) green. A cell that nothing fails on is in no list: it is not hard enough.
 
-   The lists are the red cells of `build/bench/atlas FILE full` that ours survives, at most three of a map and method, the
-   quickest. The yardstick is tested first: the finite elements against CalculiX and FEniCS, and that a body of a wrong
-   modulus or Poisson's ratio is not called right. */
+   The lists are the red cells of `build/bench/atlas FILE full` that ours survives, at most three of a map and method,
+   the quickest. The yardstick is tested first: the finite elements against CalculiX and FEniCS, and that a body of a
+   wrong modulus or Poisson's ratio is not called right. */
 #define PERI_IMPLEMENTATION
 #include "../peri.h"
 #include "stability.h"
 #include "test.h"
 
-/* ---- the yardstick ------------------------------------------------------------------------------------------------ */
+/* ---- the yardstick ----------------------------------------------------------------------------------------------- */
 
 /* Displacement of the end of the cantilever of test_accuracy.c, 1 x 0.2 x 0.2 m, E 1e5 Pa, 1000 kg/m^3. */
 static void elements_bend(double poisson, double g, double tip[3]) {
@@ -93,7 +93,7 @@ static void wrong_is_seen(void) {
     guides_end(h);
 }
 
-/* ---- the cells ---------------------------------------------------------------------------------------------------- */
+/* ---- the cells --------------------------------------------------------------------------------------------------- */
 
 typedef struct hard {
     map m;
@@ -124,3 +124,6 @@ static void survive(map m, baseline_method method) {
     }
     CHECK(count > 0);
 }
+
+#define SURVIVE(map, method, METHOD) \
+    static void map##_##method(void) { survive(MAP_##METHOD); }

@@ -7,9 +7,12 @@ sorted(what, from) = system("awk -F, 'NR > 1 && ".from." {print ".what."}' ".csv
 of(m) = "$1 == \"".m."\""
 rank(v, list) = sum [i = 1:words(list)] (v eq word(list, i) ? i : 0)
 plain(s) = system("echo '".s."' | tr '_' ' '")
+both(s) = system("echo '".s."' | sed 's/,own$//; s/_/ /g; s/,/, /'")
+first(s) = system("echo '".s."' | sed 's/,.*//; s/_/ /g'")
 seconds(v) = real(v) < 1 ? sprintf("1/%.0f", 1 / real(v)) : v
 start = "plane line point mirrored shuffled"
-xlabels(m, v) = m eq "collapse" ? word(start, int(v)) : v
+power(v) = real(v) >= 1000 ? sprintf("1e%.0f", log10(real(v))) : v
+xlabels(m, v) = m eq "collapse" ? word(start, int(v)) : m eq "modulus" || m eq "mass" ? power(v) : v
 ylabels(m, v) = m eq "stretch" || m eq "section" || m eq "removed" ? v : seconds(v)
 xname(m) = m eq "modulus" ? "Young's modulus, Pa" : m eq "poisson" ? "Poisson's ratio" : \
     m eq "stretch" ? "ratio along x" : m eq "mass" ? "density of the tip over the rest's" : \
@@ -29,12 +32,11 @@ set tics scale 0
 set style fill solid noborder
 colour(s) = s eq "green" ? 0 : s eq "yellow" ? 1 : 2
 
-# One panel: map m, key "method,solver" (blanks as _), of the lists xs and ys.
-mine(m, k) = strcol(1) eq m && strcol(2).",".strcol(3) eq plain(k)
+# One panel: map m, key_ "method,solver" (blanks as _), of the lists xs and ys.
+xtics(i) = sprintf("'%s' %d", xlabels(m, word(xs, i)), i).(i < words(xs) ? ", ".xtics(i + 1) : "")
+ytics(i) = sprintf("'%s' %d", ylabels(m, word(ys, i)), i).(i < words(ys) ? ", ".ytics(i + 1) : "")
 panel = 'set title title offset 0,-0.6; set xrange [0.5:words(xs) + 0.5]; set yrange [0.5:words(ys) + 0.5]; \
-    set xtics () rotate by 40 right offset 0.3,0.1; set ytics (); \
-    do for [i = 1:words(xs)] { set xtics add (xlabels(m, word(xs, i)) i) }; \
-    do for [i = 1:words(ys)] { set ytics add (ylabels(m, word(ys, i)) i) }; \
+    eval "set xtics rotate by 40 right offset 0.3,0.1 (".xtics(1).")"; eval "set ytics (".ytics(1).")"; \
     want = plain(key_); \
     plot csv using (strcol(1) eq m && strcol(2).",".strcol(3) eq want ? rank(strcol(4), xs) : NaN):\
         (rank(strcol(5), ys)):(0.48):(0.46):(colour(strcol(6))) with boxxyerror lc palette, \
@@ -54,8 +56,8 @@ do for [m in maps] {
         title m.": ".says(m).". ".xname(m)." (x), ".yname(m)." (y); error in %; green right, yellow wrong by more \
 than 10 %, red lost" font ",13"
     do for [key_ in keys] {
-        title = plain(key_)
-        @panel
+        title = both(key_)
+        eval panel
     }
     unset multiplot
 }
@@ -65,20 +67,20 @@ ours = "correspondence_neo-Hookean,auto stretch_linear,auto projective,auto ".li
 $1 == \"modulus\"")
 shown = ""
 do for [m in "modulus poisson stretch mass collapse section"] { if (strstrt(maps, m)) { shown = shown." ".m } }
-set terminal pngcairo size 260 * words(ours),90 + 230 * words(shown) font ",9"
+set terminal pngcairo size 260 * words(ours),90 + 245 * words(shown) font ",9"
 set output png
 small = 6
 n = words(shown)
-set multiplot layout n,words(ours) margins 0.045,0.99,0.05,1 - 0.33 / n spacing 0.028,0.33 / n \
+set multiplot layout n,words(ours) margins 0.045,0.99,0.05,1 - 0.33 / n spacing 0.028,0.38 / n \
     title "The stability atlas: green right, yellow wrong by more than 10 % (the number), red lost" font ",14"
 do for [m in shown] {
     xs = sorted("$4", of(m))
     ys = sorted("$5", of(m))
     do for [key_ in ours] {
-        title = plain(key_[1:strstrt(key_, ",") - 1])
+        title = first(key_)
         set ylabel key_ eq word(ours, 1) ? m.": ".yname(m) : ""
-        set xlabel key_ eq word(ours, 1) ? xname(m) : ""
-        @panel
+        set xlabel key_ eq word(ours, 1) ? xname(m) : "" offset 0,0.6
+        eval panel
     }
 }
 unset multiplot
