@@ -19,7 +19,7 @@ BENCH = $(notdir $(basename $(wildcard tests/bench/*.c)))
 SIZE = quick
 
 COMPILE = $(CC) -std=c99 -Wall -Wextra -pedantic $(CFLAGS)
-HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h)
+HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h tests/baseline/*.h)
 EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
 TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
 # tests that say the same, or nothing, when peri_real is double (test_accuracy is double already)
