@@ -102,7 +102,7 @@ typedef struct hard {
 } hard;
 
 static const hard cells[] = {
-#include "stability_cells.h"
+    CELLS
 };
 
 static void survive(map m, baseline_method method) {
