@@ -73,20 +73,28 @@ static int baseline__cells(const baseline_def *def, int axis) {
 
 #include "bonds.h"
 #include "newton.h"
+#include "principal.h"
 
 #include "explicit.h"
 #include "springs.h"
+#include "mls.h"
+#include "tets.h"
+#include "shape.h"
+#include "xpbd.h"
 
 static const baseline__method baseline__table[BASELINE_METHODS] = {
     {"explicit bonds", 0, baseline__explicit_create, baseline__explicit_step, baseline__bond_energy,
      baseline__explicit_destroy},
     {"mass-spring", 0, baseline__springs_create, baseline__springs_step, baseline__bond_energy,
      baseline__springs_destroy},
-    {"least-squares gradient", 0, NULL, NULL, NULL, NULL},
-    {"StVK tetrahedra", 1, NULL, NULL, NULL, NULL},
-    {"corotated tetrahedra", 1, NULL, NULL, NULL, NULL},
-    {"shape matching", 0, NULL, NULL, NULL, NULL},
-    {"XPBD", 0, NULL, NULL, NULL, NULL},
+    {"least-squares gradient", 0, baseline__mls_create, baseline__mls_step, baseline__mls_energy,
+     baseline__mls_destroy},
+    {"StVK tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy,
+     baseline__tets_destroy},
+    {"corotated tetrahedra", 1, baseline__tets_create, baseline__tets_step, baseline__tets_energy,
+     baseline__tets_destroy},
+    {"shape matching", 0, baseline__shape_create, baseline__shape_step, NULL, baseline__shape_destroy},
+    {"XPBD", 0, baseline__xpbd_create, baseline__xpbd_step, baseline__bond_energy, baseline__xpbd_destroy},
 };
 
 BASELINE_MAY const char *baseline_name(baseline_method method) { return baseline__table[method].name; }

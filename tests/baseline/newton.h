@@ -15,8 +15,8 @@
 /* ---- symmetric matrices of 3x3 blocks, all blocks stored, in compressed rows ------------------------------------- */
 
 typedef struct baseline__blocks {
-    int n, *row, *col;                  /* n + 1, row[n]; columns ascend */
-    double *value;                      /* 9 row[n] */
+    int n, size, *row, *col;            /* n + 1, row[n]; columns ascend */
+    double *value;                      /* size row[n]; size 9, or what else a method keeps by pairs */
 } baseline__blocks;
 
 static void baseline__blocks_destroy(baseline__blocks *m) {
@@ -26,12 +26,13 @@ static void baseline__blocks_destroy(baseline__blocks *m) {
 }
 
 /* Blocks at the diagonal and at (a, b) and (b, a) of each pair, no pair twice. 0 on success. */
-static int baseline__blocks_create(baseline__blocks *m, int n, int pairs, const int *a, const int *b) {
+static int baseline__blocks_create(baseline__blocks *m, int size, int n, int pairs, const int *a, const int *b) {
     int i, k, *end = (int *)malloc((size_t)n * sizeof(int));
     m->n = n;
+    m->size = size;
     m->row = (int *)calloc((size_t)n + 1, sizeof(int));
     m->col = (int *)malloc(((size_t)n + 2 * (size_t)pairs) * sizeof(int));
-    m->value = (double *)malloc(9 * ((size_t)n + 2 * (size_t)pairs) * sizeof(double));
+    m->value = (double *)calloc((size_t)size * ((size_t)n + 2 * (size_t)pairs), sizeof(double));
     if (!end || !m->row || !m->col || !m->value) {
         free(end);
         return 1;
@@ -51,13 +52,13 @@ static int baseline__blocks_create(baseline__blocks *m, int n, int pairs, const 
 }
 
 static void baseline__blocks_zero(baseline__blocks *m) {
-    memset(m->value, 0, 9 * (size_t)m->row[m->n] * sizeof(double));
+    memset(m->value, 0, (size_t)m->size * (size_t)m->row[m->n] * sizeof(double));
 }
 
 static double *baseline__block(const baseline__blocks *m, int i, int j) {
     int k = m->row[i];
     while (m->col[k] != j) k++;
-    return m->value + 9 * (size_t)k;
+    return m->value + (size_t)m->size * (size_t)k;
 }
 
 static void baseline__blocks_add(baseline__blocks *m, int i, int j, const double block[9]) {

@@ -51,7 +51,7 @@ static int baseline__springs_create(baseline *b) {
     baseline__springs *o = (baseline__springs *)calloc(1, sizeof *o);
     if (!(b->own = o)) return 1;
     return baseline__bonds_create(&o->bonds, b) || baseline__newton_create(&o->newton, b, &baseline__springs_methods) ||
-           baseline__blocks_create(&o->stiffness, b->count, o->bonds.count, o->bonds.a, o->bonds.b);
+           baseline__blocks_create(&o->stiffness, 9, b->count, o->bonds.count, o->bonds.a, o->bonds.b);
 }
 
 static void baseline__springs_destroy(baseline *b) {
