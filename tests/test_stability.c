@@ -3,7 +3,7 @@
    and one of the methods of tests/baseline: in every cell of its list the baseline must be red and ours (correspondence
    neo-Hookean, solver AUTO, as they come) green. A cell that nothing fails on is in no list: it is not hard enough.
 
-   The lists are red cells of `build/bench/atlas FILE quick` that ours survives, at most three of a map and method,
+   The lists are red cells of the atlas that ours survives, at most three of a map and method,
    the quickest. The yardstick is tested first: the finite elements against CalculiX and FEniCS, and that a body of a
    wrong modulus or Poisson's ratio is not called right. */
 #define PERI_IMPLEMENTATION

@@ -7,7 +7,7 @@
    method, one letter a cell (g green, y yellow, R red), x along a word, a word for each y. error: see tests/stability.h
    (inf: lost); iterations: mean of a step; ms: processor time of the cell's steps, one thread. Rows of map "elements"
    say how far the finite elements are from a mesh of half their size in the first and the last cell of a map; their
-   cell is green below 2 %. Second argument: quick (about a minute and a half) or full (under ten minutes). Third: one
+   cell is green below 2 %. Second argument: quick (about two minutes) or full (about ten). Third: one
    map only. Drawn by atlas.gp. */
 #define PERI_IMPLEMENTATION
 #include "../../peri.h"
@@ -26,8 +26,8 @@ static const axis quick_x[MAPS] = {
     {4, {1e-2, 1, 100, 1e4}}, {4, {1, 10, 100, 1e3}}, {5, {1, 2, 3, 4, 5}}, {4, {1, 2, 3, 4}},
     {5, {0, 0.2, 0.4, 0.6, 0.8}}};
 static const axis quick_y[MAPS] = {
-    {5, {1. / 240, 1. / 60, 1. / 30, 0.1, 1}}, {2, {1. / 240, 1. / 30}}, {3, {0.5, 0.7, 1}}, {2, {1. / 240, 1. / 30}},
-    {2, {1. / 60, 0.1}}, {3, {1. / 240, 1. / 30, 1}}, {4, {1, 2, 3, 4}}, {4, {1.01, 1.45, 1.75, 3.01}}};
+    {4, {1. / 240, 1. / 30, 0.1, 1}}, {2, {1. / 240, 1. / 30}}, {3, {0.5, 0.7, 1}}, {2, {1. / 240, 1. / 30}},
+    {2, {1. / 60, 0.1}}, {2, {1. / 240, 1. / 30}}, {4, {1, 2, 3, 4}}, {4, {1.01, 1.45, 1.75, 3.01}}};
 static const axis full_x[MAPS] = {
     {7, {1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9}}, {7, {-0.5, 0, 0.25, 0.4, 0.45, 0.49, 0.499}},
     {9, {0.35, 0.5, 0.6, 0.7, 0.85, 1, 1.5, 2, 2.4}}, {7, {1e-4, 1e-2, 1, 10, 100, 1e3, 1e4}},
