@@ -200,14 +200,16 @@ static int baseline__solve(baseline__newton *o, const baseline *b, double h) {
     return rho >= 0 ? 0 : -1;           /* an indefinite preconditioner, or NaN */
 }
 
-/* x += share p where that lowers the sum enough; returns the new sum, with its gradient, or NAN when nothing does. */
+/* x += share p where that lowers the sum enough or, where rounding hides that, the slope (Hager and Zhang 2005);
+   returns the new sum, with its gradient, or NAN when nothing does. */
 static double baseline__descend(baseline__newton *o, baseline *b, double h, double sum) {
     double slope = baseline__dot(b, o->gradient, o->p), share = 1, new_sum;
-    int k, halving;
+    int k, halving, flat;
     for (halving = 0; halving < 40; halving++, share /= 2) {
         for (k = 0; k < 3 * b->count; k++) o->trial[k] = b->x[k] + share * o->p[k];
         new_sum = baseline__objective(o, b, h, o->trial, o->gradient);
-        if (!(new_sum <= sum + 1e-4 * share * slope)) continue;
+        flat = new_sum <= sum + 1e-10 * fabs(sum) && fabs(baseline__dot(b, o->gradient, o->p)) <= 0.9 * fabs(slope);
+        if (!(new_sum <= sum + 1e-4 * share * slope) && !flat) continue;
         memcpy(b->x, o->trial, 3 * (size_t)b->count * sizeof(double));
         return new_sum;
     }
