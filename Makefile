@@ -22,8 +22,8 @@ COMPILE = $(CC) -std=c99 -Wall -Wextra -pedantic $(CFLAGS)
 HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h tests/baseline/*.h)
 EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
 TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
-# tests that say the same, or nothing, when peri_real is double (test_accuracy is double already)
-FLOAT_ONLY = test_golden test_accuracy
+# tests that say the same, or nothing, when peri_real is double (test_accuracy and test_baseline are double already)
+FLOAT_ONLY = test_golden test_accuracy test_baseline
 # one log per thing that `make test` runs: a test, a test in double, an example
 # (SKIP: patterns of those to leave out, as SKIP="%.double example.%")
 LOGS = $(filter-out $(SKIP:%=$(BUILD)/log/%),$(TESTS:%=$(BUILD)/log/%) \

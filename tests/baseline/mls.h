@@ -14,6 +14,7 @@ typedef struct baseline__mls {
     baseline__blocks map;               /* row i holds the vectors a_ik of F_i = sum_k x_k a_ik^T, i among them */
     double mu, lambda;
     double *tangent;                    /* 81 count */
+    baseline__frame *frame;             /* count: of the positions whose gradient was asked for last */
 } baseline__mls;
 
 static void baseline__mls_map(const baseline__mls *o, const double *x, int i, double f[9]) {
@@ -38,17 +39,19 @@ static void baseline__mls_spread(const baseline__mls *o, const double p[9], int 
 
 static double baseline__mls_energy(baseline *b, const double *x, double *gradient) {
     const baseline__mls *o = (const baseline__mls *)b->own;
-    double energy = 0, f[9], u[9], s[3], v[9], p[9];
+    double energy = 0, f[9], p[9];
     baseline__principal psi;
+    baseline__frame frame;
     int i, c;
     if (gradient) memset(gradient, 0, 3 * (size_t)b->count * sizeof(double));
     for (i = 0; i < b->count; i++) {
         baseline__mls_map(o, x, i, f);
-        peri_svd3(f, u, s, v);
-        baseline__neo_hookean(s, o->mu, o->lambda, &psi);
+        peri_svd3(f, frame.u, frame.s, frame.v);
+        baseline__neo_hookean(frame.s, o->mu, o->lambda, &psi);
         energy += b->volume[i] * psi.energy;
         if (!gradient) continue;
-        baseline__stress(u, v, psi.first, p);
+        o->frame[i] = frame;
+        baseline__stress(&frame, psi.first, p);
         for (c = 0; c < 9; c++) p[c] *= b->volume[i];
         baseline__mls_spread(o, p, i, gradient);
     }
@@ -57,15 +60,13 @@ static double baseline__mls_energy(baseline *b, const double *x, double *gradien
 
 static void baseline__mls_linearise(baseline *b, const double *x, int definite) {
     const baseline__mls *o = (const baseline__mls *)b->own;
-    double f[9], u[9], s[3], v[9];
     baseline__principal psi;
     int i;
+    (void)x;
     for (i = 0; i < b->count; i++) {
-        baseline__mls_map(o, x, i, f);
-        peri_svd3(f, u, s, v);
-        baseline__neo_hookean(s, o->mu, o->lambda, &psi);
+        baseline__neo_hookean(o->frame[i].s, o->mu, o->lambda, &psi);
         if (definite) baseline__make_definite(&psi);
-        baseline__tangent(u, v, &psi, o->tangent + 81 * (size_t)i);
+        baseline__tangent(o->frame + i, &psi, o->tangent + 81 * (size_t)i);
     }
 }
 
@@ -85,13 +86,14 @@ static void baseline__mls_multiply(const baseline *b, const double *p, double *q
 
 static void baseline__mls_diagonal(const baseline *b, double *block) {
     const baseline__mls *o = (const baseline__mls *)b->own;
-    double part[9];
+    double half[27], part[9];
     int i, k, c;
     memset(block, 0, 9 * (size_t)b->count * sizeof(double));
     for (i = 0; i < b->count; i++)
         for (k = o->map.row[i]; k < o->map.row[i + 1]; k++) {
             const double *a = o->map.value + 3 * (size_t)k;
-            baseline__sandwich(o->tangent + 81 * (size_t)i, b->volume[i], a, a, part);
+            baseline__half(o->tangent + 81 * (size_t)i, a, half);
+            baseline__whole(half, b->volume[i], a, part);
             for (c = 0; c < 9; c++) block[9 * (size_t)o->map.col[k] + (size_t)c] += part[c];
         }
 }
@@ -134,7 +136,8 @@ static int baseline__mls_create(baseline *b) {
         baseline__pairs(&b->def, 0, first, second);
         baseline__lame(&b->def, &o->mu, &o->lambda);
         o->tangent = (double *)malloc(81 * (size_t)b->count * sizeof(double));
-        bad = !o->tangent || baseline__newton_create(&o->newton, b, &baseline__mls_methods) ||
+        o->frame = (baseline__frame *)malloc((size_t)b->count * sizeof *o->frame);
+        bad = !o->tangent || !o->frame || baseline__newton_create(&o->newton, b, &baseline__mls_methods) ||
               baseline__blocks_create(&o->map, 3, b->count, pairs, first, second);
     }
     free(first);
@@ -148,6 +151,7 @@ static void baseline__mls_destroy(baseline *b) {
     baseline__newton_destroy(&o->newton);
     baseline__blocks_destroy(&o->map);
     free(o->tangent);
+    free(o->frame);
 }
 
 static int baseline__mls_step(baseline *b, double h) {

@@ -90,8 +90,9 @@ static void baseline__blocks_diagonal(const baseline__blocks *m, double *block) 
 
 /* ---- the step ---------------------------------------------------------------------------------------------------- */
 
-/* What a method brings. energy: as in baseline__method. linearise: makes K of positions x, positive semidefinite when
-   asked. multiply: q = K p. diagonal: the 3x3 blocks of K's diagonal, 9 count. */
+/* What a method brings. energy: as in baseline__method. linearise: makes K, positive semidefinite when asked, at the
+   positions x whose gradient was asked for last (so that what was found there need not be found again).
+   multiply: q = K p. diagonal: the 3x3 blocks of K's diagonal, 9 count. */
 typedef struct baseline__newton_methods {
     double (*energy)(baseline *b, const double *x, double *gradient);
     void (*linearise)(baseline *b, const double *x, int definite);
@@ -199,45 +200,52 @@ static int baseline__solve(baseline__newton *o, const baseline *b, double h) {
     return rho >= 0 ? 0 : -1;           /* an indefinite preconditioner, or NaN */
 }
 
-/* x += share p where that lowers the sum enough; returns the new sum, or NAN when nothing does. */
+/* x += share p where that lowers the sum enough or, where rounding hides that, the slope (Hager and Zhang 2005);
+   returns the new sum, with its gradient, or NAN when nothing does. */
 static double baseline__descend(baseline__newton *o, baseline *b, double h, double sum) {
     double slope = baseline__dot(b, o->gradient, o->p), share = 1, new_sum;
-    int k, halving;
+    int k, halving, flat;
     for (halving = 0; halving < 40; halving++, share /= 2) {
         for (k = 0; k < 3 * b->count; k++) o->trial[k] = b->x[k] + share * o->p[k];
-        new_sum = baseline__objective(o, b, h, o->trial, NULL);
-        if (!(new_sum <= sum + 1e-4 * share * slope)) continue;
+        new_sum = baseline__objective(o, b, h, o->trial, o->gradient);
+        flat = new_sum <= sum + 1e-10 * fabs(sum) && fabs(baseline__dot(b, o->gradient, o->p)) <= 0.9 * fabs(slope);
+        if (!(new_sum <= sum + 1e-4 * share * slope) && !flat) continue;
         memcpy(b->x, o->trial, 3 * (size_t)b->count * sizeof(double));
         return new_sum;
     }
     return (double)NAN;
 }
 
-static void baseline__first_guess(baseline__newton *o, baseline *b, double h) {
+/* Puts x where the iterations start; returns the sum there, with its gradient. */
+static double baseline__first_guess(baseline__newton *o, baseline *b, double h) {
     int k, n = 3 * b->count;
+    double guess;
     memcpy(o->start, b->x, (size_t)n * sizeof(double));
-    if (b->def.plain) return;
+    if (b->def.plain) return baseline__objective(o, b, h, b->x, o->gradient);
     for (k = 0; k < n; k++) o->trial[k] = b->x[k] + (b->fixed[k / 3] ? 0 : h * (b->v[k] + h * b->def.gravity[k % 3]));
-    if (baseline__objective(o, b, h, o->trial, NULL) < baseline__objective(o, b, h, b->x, NULL))
-        memcpy(b->x, o->trial, (size_t)n * sizeof(double));
+    guess = baseline__objective(o, b, h, o->trial, o->gradient);
+    if (!(guess < baseline__objective(o, b, h, b->x, NULL))) return baseline__objective(o, b, h, b->x, o->gradient);
+    memcpy(b->x, o->trial, (size_t)n * sizeof(double));
+    return guess;
 }
 
 /* One step of implicit Euler; returns as baseline_step. */
 static int baseline__newton_run(baseline__newton *o, baseline *b, double h) {
     int k, n = 3 * b->count, result = 1;
-    double correction;
+    double correction, sum;
     o->solves = 0;
-    baseline__first_guess(o, b, h);
+    sum = baseline__first_guess(o, b, h);
     for (b->iterations = 0; result == 1 && b->iterations < b->def.max_iterations; b->iterations++) {
-        double sum = baseline__objective(o, b, h, b->x, o->gradient);
         o->methods->linearise(b, b->x, !b->def.plain);
         if (!isfinite(sum) || baseline__solve(o, b, h)) return -1;
         for (correction = 0, k = 0; k < n; k++) correction = fmax(correction, fabs(o->p[k]));
         if (correction < b->def.tolerance * b->def.spacing) result = 0;
-        if (b->def.plain)
+        if (b->def.plain) {
             for (k = 0; k < n; k++) b->x[k] += o->p[k];
-        else if (isnan(baseline__descend(o, b, h, sum)))
-            break;                      /* no way down: at the limit of rounding this is success */
+            sum = baseline__objective(o, b, h, b->x, o->gradient);
+        } else if (isnan(sum = baseline__descend(o, b, h, sum))) {
+            break;
+        }
     }
     for (k = 0; k < n; k++)
         if (!b->fixed[k / 3]) b->v[k] = (b->x[k] - o->start[k]) / h;

@@ -18,6 +18,11 @@ typedef struct baseline__principal {
     double energy, first[3], second[9], flip[3], twist[3];
 } baseline__principal;
 
+/* F taken apart. */
+typedef struct baseline__frame {
+    double u[9], s[3], v[9];
+} baseline__frame;
+
 typedef void baseline__law(const double s[3], double mu, double lambda, baseline__principal *o);
 
 /* St. Venant-Kirchhoff: mu E : E + lambda/2 (tr E)^2. */
@@ -86,7 +91,8 @@ static void baseline__neo_hookean(const double s[3], double mu, double lambda, b
 }
 
 /* P = U diag(first) V^T. */
-static void baseline__stress(const double u[9], const double v[9], const double first[3], double p[9]) {
+static void baseline__stress(const baseline__frame *f, const double first[3], double p[9]) {
+    const double *u = f->u, *v = f->v;
     int i, j;
     for (i = 0; i < 3; i++)
         for (j = 0; j < 3; j++)
@@ -116,7 +122,8 @@ static void baseline__make_definite(baseline__principal *o) {
 }
 
 /* h[9 (3 i + j) + 3 k + l] = dP_ij / dF_kl. */
-static void baseline__tangent(const double u[9], const double v[9], const baseline__principal *o, double h[81]) {
+static void baseline__tangent(const baseline__frame *f, const baseline__principal *o, double h[81]) {
+    const double *u = f->u, *v = f->v;
     double vt[9], df[9], dp[9], half[9];
     int i, j, k, l, c;
     for (i = 0; i < 3; i++)
@@ -140,18 +147,18 @@ static void baseline__tangent(const double u[9], const double v[9], const baseli
         }
 }
 
-/* block_ik = volume sum_jl h_ijkl ga_j gb_l. */
-static void baseline__sandwich(const double h[81], double volume, const double *ga, const double *gb, double *block) {
-    int i, j, k;
+/* half[3 (3 i + j) + k] = sum_l h_ijkl g_l, and block_ik = volume sum_j g_j half_ijk. */
+static void baseline__half(const double h[81], const double g[3], double half[27]) {
+    int r;
+    for (r = 0; r < 27; r++) half[r] = h[3 * r] * g[0] + h[3 * r + 1] * g[1] + h[3 * r + 2] * g[2];
+}
+
+static void baseline__whole(const double half[27], double volume, const double g[3], double block[9]) {
+    int i, k;
     for (i = 0; i < 3; i++)
-        for (k = 0; k < 3; k++) {
-            double sum = 0;
-            for (j = 0; j < 3; j++) {
-                const double *row = h + 9 * (3 * i + j) + 3 * k;
-                sum += ga[j] * (row[0] * gb[0] + row[1] * gb[1] + row[2] * gb[2]);
-            }
-            block[3 * i + k] = volume * sum;
-        }
+        for (k = 0; k < 3; k++)
+            block[3 * i + k] =
+                volume * (g[0] * half[9 * i + k] + g[1] * half[9 * i + 3 + k] + g[2] * half[9 * i + 6 + k]);
 }
 
 #endif

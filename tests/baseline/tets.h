@@ -19,6 +19,7 @@ typedef struct baseline__tets {
     baseline__law *law;
     double mu, lambda, volume;          /* volume: of a tetrahedron */
     double gradient[6][12];             /* of the four shape functions, for each of the six kinds */
+    baseline__frame *frame;             /* count: of the positions whose gradient was asked for last */
     int count, *node;                   /* 4 count; tetrahedron t is of kind t % 6 */
 } baseline__tets;
 
@@ -57,19 +58,21 @@ static void baseline__tet_map(const double *x, const int node[4], const double g
 
 static double baseline__tets_energy(baseline *b, const double *x, double *gradient) {
     const baseline__tets *o = (const baseline__tets *)b->own;
-    double energy = 0, f[9], u[9], s[3], v[9], p[9];
+    double energy = 0, f[9], p[9];
     baseline__principal psi;
+    baseline__frame frame;
     int t, a, i;
     if (gradient) memset(gradient, 0, 3 * (size_t)b->count * sizeof(double));
     for (t = 0; t < o->count; t++) {
         const int *node = o->node + 4 * (size_t)t;
         const double *g = o->gradient[t % 6];
         baseline__tet_map(x, node, g, f);
-        peri_svd3(f, u, s, v);
-        o->law(s, o->mu, o->lambda, &psi);
+        peri_svd3(f, frame.u, frame.s, frame.v);
+        o->law(frame.s, o->mu, o->lambda, &psi);
         energy += o->volume * psi.energy;
         if (!gradient) continue;
-        baseline__stress(u, v, psi.first, p);
+        o->frame[t] = frame;
+        baseline__stress(&frame, psi.first, p);
         for (a = 0; a < 4; a++)
             for (i = 0; i < 3; i++)
                 gradient[3 * node[a] + i] += o->volume * (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] +
@@ -80,22 +83,24 @@ static double baseline__tets_energy(baseline *b, const double *x, double *gradie
 
 static void baseline__tets_linearise(baseline *b, const double *x, int definite) {
     baseline__tets *o = (baseline__tets *)b->own;
-    double f[9], u[9], s[3], v[9], h[81], block[9];
+    double h[81], half[27], block[9], turned[9];
     baseline__principal psi;
-    int t, c, e;
+    int t, c, e, k;
+    (void)x;
     baseline__blocks_zero(&o->stiffness);
     for (t = 0; t < o->count; t++) {
         const int *node = o->node + 4 * (size_t)t;
         const double *g = o->gradient[t % 6];
-        baseline__tet_map(x, node, g, f);
-        peri_svd3(f, u, s, v);
-        o->law(s, o->mu, o->lambda, &psi);
+        o->law(o->frame[t].s, o->mu, o->lambda, &psi);
         if (definite) baseline__make_definite(&psi);
-        baseline__tangent(u, v, &psi, h);
-        for (c = 0; c < 4; c++)
-            for (e = 0; e < 4; e++) {
-                baseline__sandwich(h, o->volume, g + 3 * c, g + 3 * e, block);
+        baseline__tangent(o->frame + t, &psi, h);
+        for (e = 0; e < 4; e++)
+            for (baseline__half(h, g + 3 * e, half), c = 0; c <= e; c++) {
+                baseline__whole(half, o->volume, g + 3 * c, block);
                 baseline__blocks_add(&o->stiffness, node[c], node[e], block);
+                if (c == e) continue;
+                for (k = 0; k < 9; k++) turned[k] = block[3 * (k % 3) + k / 3];
+                baseline__blocks_add(&o->stiffness, node[e], node[c], turned);
             }
     }
 }
@@ -137,7 +142,9 @@ static int baseline__tets_create(baseline *b) {
     o->count = 6 * baseline__cells(&b->def, 0) * baseline__cells(&b->def, 1) * baseline__cells(&b->def, 2);
     o->volume = b->def.spacing * b->def.spacing * b->def.spacing / 6;
     baseline__lame(&b->def, &o->mu, &o->lambda);
-    if (!(o->node = (int *)malloc(4 * (size_t)o->count * sizeof(int)))) return 1;
+    o->node = (int *)malloc(4 * (size_t)o->count * sizeof(int));
+    o->frame = (baseline__frame *)malloc((size_t)o->count * sizeof *o->frame);
+    if (!o->node || !o->frame) return 1;
     baseline__tets_cut(o, &b->def);
     memset(b->volume, 0, (size_t)b->count * sizeof(double));
     for (t = 0; t < 4 * o->count; t++) b->volume[o->node[t]] += o->volume / 4;
@@ -150,6 +157,7 @@ static void baseline__tets_destroy(baseline *b) {
     baseline__newton_destroy(&o->newton);
     baseline__blocks_destroy(&o->stiffness);
     free(o->node);
+    free(o->frame);
 }
 
 static int baseline__tets_step(baseline *b, double h) {
