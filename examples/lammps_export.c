@@ -8,7 +8,7 @@
  *     cc -O2 examples/lammps_export.c -lm -o lammps_export && ./lammps_export --shape rabbit --across 200
  *     cd build/out/lammps_export && mpirun -np 64 lmp -in rabbit.in
  *
- * The same solid in the library: peri_material_linear, kernel_power -1, partial_volume 1, the horizon written.  peri/lps
+ * The same solid in the library: peri_material_linear, kernel_power -1, partial_volume 1, the same horizon.  peri/lps
  * has influence 1/r: its bonds weigh r^2/r in terms of stretches.  peri/pmb is bond-based: Poisson's ratio 1/4; its
  * constant is taken from the lattice's sum, so that inside a body the forces are the library's; at surfaces they are
  * not (it does not normalise its weights, which leaves surfaces soft).
@@ -258,10 +258,10 @@ static void write_head(const job *s, FILE *f) {
     fprintf(f, "group           held type 2\ngroup           loaded type 3\n\n");
     fprintf(f, "pair_style      peri/%s\n", style_name[s->style]);
     if (s->style == LPS)
-        fprintf(f, "pair_coeff      * * %.17g %.17g %.17g 1e30 0    # K, G (Pa), horizon (m); no bond breaks\n", s->bulk,
+        fprintf(f, "pair_coeff      * * %.17g %.17g %.17g 1e30 0    # K, G, horizon; no bond breaks\n", s->bulk,
                 s->shear, s->horizon);
     else
-        fprintf(f, "pair_coeff      * * %.17g %.17g 1e30 0    # c (N/m^6), horizon (m); no bond breaks\n", s->c,
+        fprintf(f, "pair_coeff      * * %.17g %.17g 1e30 0    # c (N/m^6), horizon; no bond breaks\n", s->c,
                 s->horizon);
     fprintf(f, "neighbor        %g bin\ncomm_modify     cutoff %g    # partners of stretched bonds, on other ranks\n",
             s->spacing, 1.5 * s->horizon + s->spacing);
