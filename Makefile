@@ -19,7 +19,7 @@ BENCH = $(notdir $(basename $(wildcard tests/bench/*.c)))
 SIZE = quick
 
 COMPILE = $(CC) -std=c99 -Wall -Wextra -pedantic $(CFLAGS)
-HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h)
+HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h tests/baseline/*.h)
 EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
 TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
 # tests that say the same, or nothing, when peri_real is double (test_accuracy is double already)
@@ -97,6 +97,15 @@ $(BUILD)/bench/cholesky: tests/bench/cholesky.c $(wildcard tests/bench/cholesky/
 	$(if $(EIGEN),$(CXX) $(CFLAGS) -DNDEBUG -c -o $@.eigen.o tests/bench/cholesky/eigen.cpp)
 	$(COMPILE) -c -o $@.main.o $(CHOLMOD:yes=-DBENCH_CHOLMOD) $(EIGEN:yes=-DBENCH_EIGEN) $<
 	$(if $(EIGEN),$(CXX),$(CC)) $(CFLAGS) -o $@ $@.*.o $(if $(CHOLMOD),-lcholmod -ldl) -lm
+
+# The benchmark of speed against accuracy has peri in both precisions, and other methods.
+$(BUILD)/bench/accuracy: tests/bench/accuracy.c $(wildcard tests/bench/accuracy/* tests/baseline/*) $(HEADERS)
+	@mkdir -p $(@D) && rm -f $@ $@.*.o
+	$(COMPILE) -c -o $@.float.o tests/bench/accuracy/peri.c
+	$(COMPILE) -c -o $@.double.o -DPERI_DOUBLE tests/bench/accuracy/peri.c
+	$(COMPILE) -c -o $@.baseline.o tests/bench/accuracy/baseline.c
+	$(COMPILE) -c -o $@.main.o $<
+	$(CC) $(CFLAGS) -o $@ $@.*.o -lm
 
 # A benchmark is told where its table goes and how long it may take; it prints one for people.
 $(BUILD)/bench/%.csv: $(BUILD)/bench/% FORCE

@@ -37,7 +37,9 @@ BENCH_MAY void *bench_obtain(size_t bytes) {
 }
 
 /* The same, all zero. */
-BENCH_MAY void *bench_zeros(size_t count, size_t bytes) { return memset(bench_obtain(count * bytes), 0, count * bytes); }
+BENCH_MAY void *bench_zeros(size_t count, size_t bytes) {
+    return memset(bench_obtain(count * bytes), 0, count * bytes);
+}
 
 BENCH_MAY int bench_less(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;

@@ -16,12 +16,9 @@
    shows dashes: 3 s for a peer, 20 s for peri and for CHOLMOD with METIS (quick: 1.2 s and 4 s).
    Without peers: make bench BENCH=cholesky CHOLMOD= EIGEN= */
 #define _POSIX_C_SOURCE 200112L
+#include "bench.h"
 #include "cholesky/solver.h"
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
 
 /* Rows of `solvers`; those after SOLVERS stand for several. */
 enum { PERI, PERI_FLOAT, PERI_DEGREE, METIS, AMD, SIMPLICIAL, EIGEN, SOLVERS, BEST_CHOLMOD = SOLVERS };
@@ -78,16 +75,6 @@ typedef struct budget {
     double repeat, peer, chief;
 } budget;
 
-static double now(void) {
-#ifdef CLOCK_THREAD_CPUTIME_ID
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
-#else
-    return 1e3 * (double)clock() / CLOCKS_PER_SEC;
-#endif
-}
-
 /* Starts afresh each time; leaves the last state, analysed, in *state (NULL: it failed). */
 static double time_analyse(const solver *s, const problem *p, double repeat, void **state) {
     double best = 1e30, spent = 0;
@@ -97,13 +84,13 @@ static double time_analyse(const solver *s, const problem *p, double repeat, voi
         double t;
         if (*state) s->close(*state);
         if ((*state = s->open(s->method, p)) == NULL) return -1;
-        t = now();
+        t = bench_thread();
         if (!s->analyse(*state)) {
             s->close(*state);
             *state = NULL;
             return -1;
         }
-        t = now() - t;
+        t = bench_thread() - t;
         spent += t;
         if (t < best) best = t;
     }
@@ -119,9 +106,9 @@ static double time_factor(const solver *s, problem *p, double repeat, void *stat
         last = k > 0 && spent >= repeat;
         problem_set(p, last || k % 2 ? 1000 : 1001);
         s->load(state, p);
-        t = now();
+        t = bench_thread();
         if (!s->factor(state)) return -1;
-        t = now() - t;
+        t = bench_thread() - t;
         spent += t;
         if (k > 0 && t < best) best = t;
     }
@@ -134,9 +121,9 @@ static double time_solve(const solver *s, const double *b, double repeat, void *
     for (k = 0; k < 3 || spent < repeat; k++) {
         double t;
         s->set(state, b);
-        t = now();
+        t = bench_thread();
         s->solve(state);
-        t = now() - t;
+        t = bench_thread() - t;
         spent += t;
         if (t < best) best = t;
     }
@@ -146,7 +133,7 @@ static double time_solve(const solver *s, const double *b, double repeat, void *
 /* speed: operations per ms of the solver's last factorisation, 0 before its first. */
 static void measure(const solver *s, problem *p, const double *b, budget most, double *speed, double of[MEASURES]) {
     void *state;
-    double *x = (double *)obtain(6 * sizeof *x * (size_t)p->n), limit;
+    double *x = (double *)bench_obtain(6 * sizeof *x * (size_t)p->n), limit;
     facts f;
     of[ANALYSE] = time_analyse(s, p, most.repeat, &state);
     if (state) {
@@ -214,7 +201,7 @@ static double refine(const solver *s, void *state, const problem *p, const doubl
 /* Residuals: r[0] of one cold solve, r[1] of the warm start, r[2] after a solve from there, r[3] after one more. */
 static int accuracy_of(const solver *s, const problem *p, double r[4]) {
     size_t n = 3 * (size_t)p->n, i;
-    double *b = (double *)obtain(6 * n * sizeof *b), *x = b + n, *x0 = x + n, *cold = x0 + n, *work = cold + n;
+    double *b = (double *)bench_obtain(6 * n * sizeof *b), *x = b + n, *x0 = x + n, *cold = x0 + n, *work = cold + n;
     void *state = s->open(s->method, p);
     int good = state && s->analyse(state);
     displacement(p, x, x0);
@@ -304,7 +291,7 @@ static int run(result *r, int shape, int count, double horizon, budget most, dou
     r->shape = shape;
     r->n = p.n;
     r->horizon = horizon;
-    b = (double *)obtain(9 * sizeof *b * (size_t)p.n);
+    b = (double *)bench_obtain(9 * sizeof *b * (size_t)p.n);
     x = b + 3 * (size_t)p.n;
     displacement(&p, x, x + 3 * (size_t)p.n);
     right_hand_side(&p, x, b);
@@ -396,11 +383,6 @@ static void print_title(const ratio *t) {
     printf("  %-8s %-14s / %-14s %-26s", measures[t->measure], names[t->over], names[t->under], where);
 }
 
-static int ascending(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Returns whether the target is reached, -1 where there is none or nothing was measured. */
 static int print_ratio(const ratio *t, const result *r, int cases) {
     double q[MOST_CASES], worst = -1;
@@ -420,9 +402,8 @@ static int print_ratio(const ratio *t, const result *r, int cases) {
         printf("  not measured\n");
         return -1;
     }
-    qsort(q, (size_t)count, sizeof *q, ascending);
-    printf(" %6.3f %6.3f  %-7s %s %.2f %d\n", q[count / 2], worst, t->target > 0 ? verdict(worst, t->target) : "",
-           shape_names[r[at].shape], r[at].horizon, r[at].n);
+    printf(" %6.3f %6.3f  %-7s %s %.2f %d\n", bench_median(q, count, NULL), worst,
+           t->target > 0 ? verdict(worst, t->target) : "", shape_names[r[at].shape], r[at].horizon, r[at].n);
     return t->target > 0 ? worst <= t->target : -1;
 }
 
@@ -451,7 +432,7 @@ static void begin_peers(char **argv) {
 }
 
 int main(int argc, char **argv) {
-    int full = argc > 2 && strcmp(argv[2], "full") == 0, g, k, cases = 0, total = 0, good = 1;
+    int full = bench_full(argc, argv), g, k, cases = 0, total = 0, good = 1;
     static const budget quick_budget = {80, 1200, 4000}, full_budget = {300, 3000, 20000};
     static const char columns[] = "shape,horizon,n,solver,precision,threads,nnz_l,analyse_ms,factor_ms,solve3_ms,bytes,"
                                   "residual";
@@ -459,8 +440,7 @@ int main(int argc, char **argv) {
     double speed[SOLVERS] = {0};
     FILE *csv;
     begin_peers(argv);
-    csv = argc > 1 ? fopen(argv[1], "w") : NULL;
-    if (csv) fprintf(csv, "%s\n", columns);
+    csv = bench_csv(argc, argv, columns);
     for (g = 0; g < GROUPS; g++)
         for (k = 0; (full ? groups[g].full : groups[g].quick)[k]; k++) total++;
     for (g = 0; g < GROUPS; g++) {

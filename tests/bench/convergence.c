@@ -13,12 +13,10 @@
              each iteration as it goes. residual: |b - A x| / |b|. ms: with the estimate of the spectrum, without
              factorisations, which are printed beside; direct: iteration 1 is the solve, 2 refined once.
    Writes CSV (problem,solver,iteration,ms,residual,error) to the first argument and prints a table. ms is processor
-   time, one thread. Second argument quick: a beam of 31 x 11 x 11. */
+   time, one thread. Second argument full: that beam; quick: 31 x 11 x 11. */
 #define PERI_IMPLEMENTATION
 #include "../../peri.h"
-#include <stdio.h>
-#include <stdlib.h>
-#include <time.h>
+#include "bench.h"
 
 typedef struct bench {
     FILE *csv;
@@ -26,14 +24,6 @@ typedef struct bench {
     double weight; /* of a particle, N */
     double *reference, *start;
 } bench;
-
-static double now(void) { return 1e3 * (double)clock() / CLOCKS_PER_SEC; }
-
-static void *grab(size_t count, size_t bytes) {
-    void *p = calloc(count, bytes);
-    if (!p) exit(2);
-    return p;
-}
 
 static void row(bench *b, const char *problem, const char *solver, int iteration, double ms, double residual,
                 double error) {
@@ -49,8 +39,8 @@ static peri_world *beam(bench *b, const peri_world_def *wd, peri_body_id *id) {
     peri_material m = peri_material_projective(1e5f, 0.5f, 1000);
     peri_body_def bd = peri_default_body_def();
     int i, j, k, c = 0, n = b->along * b->across * b->across;
-    peri_real *points = (peri_real *)grab(3 * (size_t)n, sizeof *points);
-    unsigned char *fixed = (unsigned char *)grab((size_t)n, 1);
+    peri_real *points = (peri_real *)bench_zeros(3 * (size_t)n, sizeof *points);
+    unsigned char *fixed = (unsigned char *)bench_zeros((size_t)n, 1);
     bd.spacing = (peri_real)(0.98 / b->along);
     for (k = 0; k < b->across; k++)
         for (j = 0; j < b->across; j++)
@@ -109,8 +99,8 @@ static void step(bench *b, const variant *v, int most, int reference) {
     wd.tolerance = (peri_real)1e-6;
     world = beam(b, &wd, &id);
     if (!b->reference) {
-        b->reference = (double *)grab(3 * (size_t)b->n, sizeof(double));
-        b->start = (double *)grab(3 * (size_t)b->n, sizeof(double));
+        b->reference = (double *)bench_zeros(3 * (size_t)b->n, sizeof(double));
+        b->start = (double *)bench_zeros(3 * (size_t)b->n, sizeof(double));
     }
     for (x = peri_body_positions(world, id), k = 0; k < 3 * b->n; k++) b->start[k] = (double)x[k];
     if (peri_world_step(world, (peri_real)(1.0 / 30))) {
@@ -141,7 +131,7 @@ typedef struct watcher {
 
 static void watch(int iteration, double residual, void *user) {
     watcher *w = (watcher *)user;
-    double ms = now() - w->start;
+    double ms = bench_cpu() - w->start;
     int k;
     for (k = 0; k < 3; k++)
         if (w->at[k] < 0 && residual <= pow(10, -1 - k)) w->at[k] = ms;
@@ -151,12 +141,12 @@ static void watch(int iteration, double residual, void *user) {
 static void watch_from(watcher *w, const char *name) {
     w->name = name;
     w->at[0] = w->at[1] = w->at[2] = -1;
-    w->start = now();
+    w->start = bench_cpu();
 }
 
 static void told(const watcher *w, const peri_report *r) {
     int k;
-    printf("%-8s %-18s %9d %10.1f %10.2e   ", "linear", w->name, r->iterations, now() - w->start, r->residual);
+    printf("%-8s %-18s %9d %10.1f %10.2e   ", "linear", w->name, r->iterations, bench_cpu() - w->start, r->residual);
     for (k = 0; k < 3; k++)
         if (w->at[k] < 0) printf("        -"); else printf(" %8.1f", w->at[k]);
     printf("\n");
@@ -179,11 +169,11 @@ static void diagonal(const peri_real *g, peri_real *p, void *context) {
 static void direct(watcher *w, const peri_matrix *a, peri_real *x, peri_real *work, const peri_real *xyz) {
     peri_cholesky *f = NULL;
     peri_real *r = work, *y = r + 3 * (size_t)a->n;
-    double begin = now(), size = sqrt(peri_dot(NULL, 3 * a->n, w->right, w->right));
+    double begin = bench_cpu(), size = sqrt(peri_dot(NULL, 3 * a->n, w->right, w->right));
     peri_report report;
     int pass, k;
     if (peri_cholesky_create(a, xyz, NULL, &f, NULL) || peri_cholesky_factor(f, a, NULL)) exit(2);
-    printf("%-8s factorisation: %.1f ms\n", "linear", now() - begin);
+    printf("%-8s factorisation: %.1f ms\n", "linear", bench_cpu() - begin);
     memset(x, 0, 3 * (size_t)a->n * sizeof *x);
     memset(&report, 0, sizeof report);
     watch_from(w, "direct");
@@ -217,9 +207,9 @@ static void iterate(watcher *w, const peri_matrix *a, peri_real *x, peri_real *w
         o.max_iterations = 2000;
         memset(x, 0, bytes);
         if (k == 3) {
-            begin = now();
+            begin = bench_cpu();
             if (peri_incomplete_create(a, 3, NULL, &f, &err) || peri_incomplete_factor(f, a, &err)) exit(2);
-            printf("%-8s incomplete factorisation: %.1f ms\n", "linear", now() - begin);
+            printf("%-8s incomplete factorisation: %.1f ms\n", "linear", bench_cpu() - begin);
             o.precondition = peri_incomplete_apply;
             o.context = f;
         }
@@ -258,9 +248,9 @@ static void linear(bench *b) {
     peri_world_step(world, (peri_real)(1.0 / 30)); /* makes the matrix */
     a = peri__matrix(peri__body_at(world, (int)id.index1 - 1));
     n = 3 * (size_t)a.n;
-    x = (peri_real *)grab(n, sizeof *x);
-    right = (peri_real *)grab(n, sizeof *x);
-    work = (peri_real *)grab(peri_minimise_work((int)n, 5), sizeof *x);
+    x = (peri_real *)bench_zeros(n, sizeof *x);
+    right = (peri_real *)bench_zeros(n, sizeof *x);
+    work = (peri_real *)bench_zeros(peri_minimise_work((int)n, 5), sizeof *x);
     for (k = 0; k < a.n; k++) right[3 * k + 2] = (peri_real)(k % b->along ? -b->weight : 0);
     memset(&w, 0, sizeof w);
     w.b = b;
@@ -282,13 +272,12 @@ int main(int argc, char **argv) {
                                         {"jacobi+chebyshev", PERI_SOLVER_CHEBYSHEV, 0, 1},
                                         {"position-based", PERI_SOLVER_POSITION, 0, 1},
                                         {"direct+l-bfgs", PERI_SOLVER_CHOLESKY, 5, 0.6}};
-    int quick = argc > 2 && strcmp(argv[2], "quick") == 0, v, most;
+    int quick = !bench_full(argc, argv), v, most;
     bench b;
     memset(&b, 0, sizeof b);
-    b.csv = argc > 1 ? fopen(argv[1], "w") : NULL;
+    b.csv = bench_csv(argc, argv, "problem,solver,iteration,ms,residual,error");
     b.along = quick ? 31 : 61;
     b.across = quick ? 11 : 22;
-    if (b.csv) fprintf(b.csv, "problem,solver,iteration,ms,residual,error\n");
     printf("%-8s %-18s %9s %10s %10s %10s\n", "problem", "solver", "iteration", "ms", "residual", "error");
     step(&b, &variants[4], 400, 1);
     for (v = 0; v < 5; v++)

@@ -10,8 +10,7 @@
    hold elsewhere. */
 #define PERI_IMPLEMENTATION
 #include "../../peri.h"
-#include <stdio.h>
-#include <stdlib.h>
+#include "bench.h"
 
 enum { STEPS = 8, TRIES = 8 };
 
@@ -200,11 +199,9 @@ static int compare(FILE *csv, int along, int across, int model, double young, in
 }
 
 int main(int argc, char **argv) {
-    int quick = argc < 3 || strcmp(argv[2], "full") != 0, model, e;
-    FILE *csv = argc > 1 ? fopen(argv[1], "w") : NULL;
-    if (csv)
-        fprintf(csv, "particles,model,young,layout,solver,tolerance,error,step_ms,worst_ms,iterations,evaluations,"
-                     "local_ms,global_ms,rest_ms,factor_ms\n");
+    int quick = !bench_full(argc, argv), model, e;
+    FILE *csv = bench_csv(argc, argv, "particles,model,young,layout,solver,tolerance,error,step_ms,worst_ms,iterations,"
+                                      "evaluations,local_ms,global_ms,rest_ms,factor_ms");
     printf("%-14s %-5s %-7s %-10s %7s %8s %8s %7s %5s %5s %7s %7s %7s %8s\n", "model", "E", "layout", "solver",
            "toler.", "error", "step ms", "worst", "iter", "eval", "local", "global", "rest", "factor");
     for (model = 0; model < 4; model++)

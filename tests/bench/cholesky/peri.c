@@ -3,9 +3,8 @@
 #define PERI_STATIC
 #define PERI_IMPLEMENTATION
 #include "../../../peri_solver.h"
+#include "../bench.h"
 #include "solver.h"
-#include <stdio.h>
-#include <stdlib.h>
 
 enum { BY_POSITION, BY_DEGREE };
 
@@ -17,15 +16,15 @@ typedef struct state {
 } state;
 
 static void *start(int method, const problem *p) {
-    state *s = (state *)obtain(sizeof *s);
+    state *s = (state *)bench_obtain(sizeof *s);
     size_t n = (size_t)p->n, i;
     s->method = method;
     s->f = NULL;
-    s->value = (peri_real *)obtain(sizeof(peri_real) * (size_t)p->row[n]);
-    s->diagonal = (peri_real *)obtain(sizeof(peri_real) * n);
-    s->xyz = (peri_real *)obtain(sizeof(peri_real) * 6 * n);
-    s->x = (peri_real *)obtain(sizeof(peri_real) * 6 * n);
-    s->work = (peri_real *)obtain(sizeof(peri_real) * 6 * n);
+    s->value = (peri_real *)bench_obtain(sizeof(peri_real) * (size_t)p->row[n]);
+    s->diagonal = (peri_real *)bench_obtain(sizeof(peri_real) * n);
+    s->xyz = (peri_real *)bench_obtain(sizeof(peri_real) * 6 * n);
+    s->x = (peri_real *)bench_obtain(sizeof(peri_real) * 6 * n);
+    s->work = (peri_real *)bench_obtain(sizeof(peri_real) * 6 * n);
     for (i = 0; i < 3 * n; i++) s->xyz[i] = (peri_real)p->xyz[i];
     s->a.n = p->n;
     s->a.row = p->row;

@@ -1,17 +1,8 @@
 /* tests/bench/cholesky/problem.c - the matrices of the Cholesky benchmark: lattices and their neighbours. */
+#include "../bench.h"
 #include "solver.h"
 #include <math.h>
 #include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-void *obtain(size_t bytes) {
-    void *memory = malloc(bytes ? bytes : 1);
-    if (memory) return memory;
-    fprintf(stderr, "no memory for %.0f bytes\n", (double)bytes);
-    exit(1);
-}
 
 typedef struct lattice {
     int size[3];
@@ -35,7 +26,7 @@ static void lattice_create(lattice *l, int shape, int count) {
     double radius = cbrt(0.75 * count / 3.14159265358979323846);
     lattice_size(l, shape, count);
     half = l->size[0] / 2;
-    l->index = (int *)obtain(sizeof(int) * (size_t)l->size[0] * (size_t)l->size[1] * (size_t)l->size[2]);
+    l->index = (int *)bench_obtain(sizeof(int) * (size_t)l->size[0] * (size_t)l->size[1] * (size_t)l->size[2]);
     l->count = 0;
     for (k = 0; k < l->size[2]; k++)
         for (j = 0; j < l->size[1]; j++)
@@ -65,10 +56,10 @@ void problem_create(problem *p, int shape, int count, double horizon) {
     int i, j, k, most = 2 * (int)horizon + 1, list[512];
     lattice_create(&l, shape, count);
     p->n = l.count;
-    p->xyz = (double *)obtain(3 * sizeof(double) * (size_t)p->n);
-    p->diagonal = (double *)obtain(sizeof(double) * (size_t)p->n);
-    p->row = (int *)obtain(sizeof(int) * ((size_t)p->n + 1));
-    p->col = (int *)obtain(sizeof(int) * (size_t)p->n * (size_t)(most * most * most));
+    p->xyz = (double *)bench_obtain(3 * sizeof(double) * (size_t)p->n);
+    p->diagonal = (double *)bench_obtain(sizeof(double) * (size_t)p->n);
+    p->row = (int *)bench_obtain(sizeof(int) * ((size_t)p->n + 1));
+    p->col = (int *)bench_obtain(sizeof(int) * (size_t)p->n * (size_t)(most * most * most));
     for (k = 0; k < l.size[2]; k++)
         for (j = 0; j < l.size[1]; j++)
             for (i = 0; i < l.size[0]; i++) {
@@ -84,7 +75,7 @@ void problem_create(problem *p, int shape, int count, double horizon) {
         memcpy(p->col + p->row[i], list, sizeof *list * (size_t)near);
         p->row[i + 1] = p->row[i] + near;
     }
-    p->value = (double *)obtain(sizeof(double) * (size_t)p->row[p->n]);
+    p->value = (double *)bench_obtain(sizeof(double) * (size_t)p->row[p->n]);
     free(l.index);
 }
 

@@ -31,9 +31,6 @@ double problem_residual(const problem *p, const double *b, const double *x, doub
 
 void problem_destroy(problem *p);
 
-/* malloc that ends the program instead of failing: a benchmark has nothing else to do then. */
-void *obtain(size_t bytes);
-
 /* What is known after analyse (bytes: after factor). */
 typedef struct facts {
     double entries;    /* of L, without the zeros that supernodes may store */
