@@ -50,7 +50,12 @@ static const double target[TARGETS] = {0.2, 0.1, 0.05, 0.02, 0.01};
 static const double exact = 1e-10;
 
 /* Lists of other methods: their rows carry the method's name for a model. */
-static const rival *const rivals[] = {bench_baselines};
+static const rival *const rivals[] = {
+    bench_baselines,
+#ifdef BENCH_BULLET
+    bench_bullet,
+#endif
+};
 enum { RIVALS = sizeof rivals / sizeof *rivals };
 
 typedef struct row {
@@ -730,6 +735,9 @@ int main(int argc, char **argv) {
         slice_steps(&b, scene);
         slice_resolution(&b, scene);
         slice_rivals(&b, scene);
+#ifndef BENCH_BULLET
+        if (scene == SWING) printf("no Bullet beside it: apt-get install libbullet-dev\n");
+#endif
         printf("%s: %d different runs, %.0f s of processor time\n", scene_name[scene], b.count - before,
                1e-3 * (bench_cpu() - start));
         fflush(stdout);
