@@ -1,7 +1,7 @@
 # tests/bench/accuracy.gp - speed against accuracy, a scene a column. Above: the larger of the errors to the continuum
 # and of the step, below: what the solver leaves. Colour: model. Point: solver, filled under L-BFGS, open without. Grey
-# crosses: other methods (tests/baseline). Black line: the front of all; coloured lines: the fronts of the models. Rows come sorted by time, so that lines run to the
-# right.
+# crosses: other methods (tests/baseline). Black line: the front of all; coloured lines: the fronts of the models. Rows
+# come sorted by time, so that lines run to the right.
 set datafile separator ","
 set datafile missing NaN
 set terminal pngcairo size 2400,1300 font ",13"
@@ -46,12 +46,12 @@ do for [scene in "swing stretch twist fall"] {
                 lc rgb word(colours, m) offset 1,0
         }
         do for [s = 1:5] {
-            set label 4 + s at screen 0.42 + 0.075 * (s - 1), 0.025 word(solvers, s) point pt point(s, "on") ps 1.6 \
+            set label 4 + s at screen 0.38 + 0.07 * (s - 1), 0.025 word(solvers, s) point pt point(s, "on") ps 1.6 \
                 offset 1,0
         }
-        set label 10 at screen 0.78,0.025 "open: without L-BFGS" point pt 6 ps 1.6 offset 1,0
-        set label 11 at screen 0.865,0.025 "other methods" point pt 2 ps 1.6 lc rgb "#777777" offset 1,0
-        set label 12 at screen 0.925,0.025 "black line: front of all"
+        set label 10 at screen 0.735,0.025 "open: without L-BFGS" point pt 6 ps 1.6 offset 1,0
+        set label 11 at screen 0.835,0.025 "other methods" point pt 2 ps 1.6 lc rgb "#777777" offset 1,0
+        set label 12 at screen 0.905,0.025 "black line: front of all"
     }
     plot for [m = 1:4] for [s = 1:5] for [l in "on off"] csv every ::1 \
              using 10:(of(scene, word(models, m), word(solvers, s), l, 12)) with points ps 1.1 \
