@@ -98,14 +98,18 @@ $(BUILD)/bench/cholesky: tests/bench/cholesky.c $(wildcard tests/bench/cholesky/
 	$(COMPILE) -c -o $@.main.o $(CHOLMOD:yes=-DBENCH_CHOLMOD) $(EIGEN:yes=-DBENCH_EIGEN) $<
 	$(if $(EIGEN),$(CXX),$(CC)) $(CFLAGS) -o $@ $@.*.o $(if $(CHOLMOD),-lcholmod -ldl) -lm
 
-# The benchmark of speed against accuracy has peri in both precisions, and other methods.
+# The benchmark of speed against accuracy has peri in both precisions, other methods, and Bullet where it is installed.
+BULLET_AT = /usr/include/bullet
+BULLET = $(call installed,$(CXX) -x c++ -isystem $(BULLET_AT),BulletSoftBody/btDeformableMultiBodyDynamicsWorld.h)
 $(BUILD)/bench/accuracy: tests/bench/accuracy.c $(wildcard tests/bench/accuracy/* tests/baseline/*) $(HEADERS)
 	@mkdir -p $(@D) && rm -f $@ $@.*.o
 	$(COMPILE) -c -o $@.float.o tests/bench/accuracy/peri.c
 	$(COMPILE) -c -o $@.double.o -DPERI_DOUBLE tests/bench/accuracy/peri.c
 	$(COMPILE) -c -o $@.baseline.o tests/bench/accuracy/baseline.c
-	$(COMPILE) -c -o $@.main.o $<
-	$(CC) $(CFLAGS) -o $@ $@.*.o -lm
+	$(if $(BULLET),$(CXX) $(CFLAGS) -w -isystem $(BULLET_AT) -c -o $@.bullet.o tests/bench/accuracy/bullet.cpp)
+	$(COMPILE) -c -o $@.main.o $(BULLET:yes=-DBENCH_BULLET) $<
+	$(if $(BULLET),$(CXX),$(CC)) $(CFLAGS) -o $@ $@.*.o \
+	    $(if $(BULLET),-lBulletSoftBody -lBulletDynamics -lBulletCollision -lLinearMath) -lm
 
 # A benchmark is told where its table goes and how long it may take; it prints one for people.
 $(BUILD)/bench/%.csv: $(BUILD)/bench/% FORCE

@@ -1,6 +1,7 @@
 /* studio_peri.h - what the examples share between studio.h and the library: names of materials and solvers, errors.
  *
- * Static functions over the public interface of peri.h.  Include it after both:
+ * Static functions over the public interface of peri.h.  With PERI_DOUBLE what draws worlds is left out.  Include it
+ * after both:
  *
  *     #include "studio.h"
  *     #define PERI_IMPLEMENTATION
@@ -73,6 +74,7 @@ STUDIO_API int studio_solver(const char *name, peri_solver *solver) {
 STUDIO_API int studio_failed(const peri_world *world) { return studio_error("%s", peri_last_error(world)->text); }
 
 /* ---- a world on stage ---- */
+#ifndef PERI_DOUBLE /* what draws is in float */
 
 enum { STUDIO_ACTORS = 256 };
 
@@ -244,6 +246,8 @@ STUDIO_API int studio_stand_end(studio_stand *s, const studio_options *o, const 
     return bad;
 }
 
+#endif /* PERI_DOUBLE */
+
 /* The lattice of a shape as a body; a null id and an error when that fails. */
 STUDIO_API peri_body_id studio_body(peri_world *w, const peri_shape *shape, peri_body_def *d) {
     peri_body_id none = {0, 0}, id;
@@ -264,13 +268,13 @@ STUDIO_API peri_body_id studio_body(peri_world *w, const peri_shape *shape, peri
 
 /* ---- bodies with skins ---- */
 
-/* Samples a shape: *points is fresh memory of 3 *count floats, to be freed. */
-STUDIO_API int studio_fill_shape(const peri_shape *shape, float spacing, float **points, int *count) {
+/* Samples a shape: *points is fresh memory of 3 *count numbers, to be freed. */
+STUDIO_API int studio_fill_shape(const peri_shape *shape, peri_real spacing, peri_real **points, int *count) {
     peri_error err;
     *points = NULL;
     if (peri_sample(shape, spacing, NULL, 0, count, &err)) return studio_error("%s", err.text);
     if (*count == 0) return studio_error("no particle fits into the shape: take a smaller spacing");
-    *points = (float *)studio_alloc(3 * (size_t)*count, sizeof(float));
+    *points = (peri_real *)studio_alloc(3 * (size_t)*count, sizeof(peri_real));
     if (!*points) return -1;
     if (peri_sample(shape, spacing, *points, *count, count, &err)) return studio_error("%s", err.text);
     return 0;
@@ -339,6 +343,7 @@ STUDIO_API int studio_solid_mesh(studio_solid *s, float cell, studio_mesh *m) {
     return studio_mesh_surface(m, studio_solid_field, s, lo, hi, cell);
 }
 
+#ifndef PERI_DOUBLE
 /* A body, drawn as its skin. */
 typedef struct studio_thing {
     peri_body_id body;
@@ -477,6 +482,8 @@ STUDIO_API void studio_cloth_free(studio_cloth *c) {
     free(c->fixed);
     memset(c, 0, sizeof *c);
 }
+
+#endif /* PERI_DOUBLE */
 
 /* Unit quaternion of a turn by `degrees` about an axis. */
 STUDIO_API peri_quat studio_turn(float x, float y, float z, float degrees) {

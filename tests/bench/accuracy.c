@@ -30,7 +30,7 @@
 
    On the swing the methods of tests/baseline stand beside peri (accuracy/baseline.c), with 2 to 8 cells across (quick:
    2 and 4) and steps of 1/30 to 1/240 s, their error_step being to the last; the ratio of times at equal error is
-   printed.
+   printed. So do Bullet's soft bodies (accuracy/bullet.cpp) where it is installed (apt-get install libbullet-dev).
 
    Prints tables; writes all runs as CSV to the file named as the first argument. Second argument: quick or full. More
    arguments: names of scenes, only these. Run it from the top of the checkout: the figure is read from examples/models.
@@ -50,7 +50,12 @@ static const double target[TARGETS] = {0.2, 0.1, 0.05, 0.02, 0.01};
 static const double exact = 1e-10;
 
 /* Lists of other methods: their rows carry the method's name for a model. */
-static const rival *const rivals[] = {bench_baselines};
+static const rival *const rivals[] = {
+    bench_baselines,
+#ifdef BENCH_BULLET
+    bench_bullet,
+#endif
+};
 enum { RIVALS = sizeof rivals / sizeof *rivals };
 
 typedef struct row {
@@ -730,6 +735,9 @@ int main(int argc, char **argv) {
         slice_steps(&b, scene);
         slice_resolution(&b, scene);
         slice_rivals(&b, scene);
+#ifndef BENCH_BULLET
+        if (scene == SWING) printf("no Bullet beside it: apt-get install libbullet-dev\n");
+#endif
         printf("%s: %d different runs, %.0f s of processor time\n", scene_name[scene], b.count - before,
                1e-3 * (bench_cpu() - start));
         fflush(stdout);

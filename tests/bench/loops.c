@@ -1,107 +1,29 @@
 /* tests/bench/loops.c - the hot loops by themselves: million directed bonds a second and core, for every kernel and
    layout, and the pointwise part of the correspondence model in ns a particle. A block of 29^3 = 24 389 particles of 26
-   neighbours, shaken; horizon 3.01 (122 neighbours) with `full` as the second argument. Processor time of one thread,
-   minimum over repetitions of 25 ms and more. scalar: particle by particle; lockstep, lattice: see peri_material.h.
-   Targets are for -O3 -march=native with AVX-512. Prints a table, writes CSV to the file named as the first
-   argument. */
+   neighbours, and with horizon 3.01 of 122, shaken. Processor time of one thread, minimum over repetitions of 25 ms and
+   more. scalar: particle by particle; lockstep, lattice: see peri_material.h. Where LAMMPS is installed (apt-get
+   install lammps) its peri/pmb (bond-based, one pass) and peri/lps (the solid of stretch B1, two passes) run on the
+   same block at horizon 3.01, and ours are given over its: the force loop and the whole evaluation. Targets are for -O3
+   -march=native with AVX-512. Prints a table, writes CSV to the file named as the first argument. */
 #define PERI_IMPLEMENTATION
 #include "../../peri.h"
-#include <stdio.h>
-#include <stdlib.h>
-#include <time.h>
+#include "bench.h"
+#include "bonds.h"
+#include "lammps.h"
 
-enum { SCALAR, LOCKSTEP, LATTICE, LAYOUTS };
-static const char *const layout_name[LAYOUTS] = {"scalar", "lockstep", "lattice"};
-
-static double now(void) {
-#ifdef CLOCK_THREAD_CPUTIME_ID
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-#else
-    return (double)clock() / CLOCKS_PER_SEC;
-#endif
-}
-
-typedef struct scene {
-    peri_world *w;
-    peri__body *b;
-    peri__pass p;
-    peri_real *f;
-    int layout;
-} scene;
-
-static int make(scene *s, int n, double horizon, const peri_material *m, int layout) {
-    peri_world_def wd = peri_default_world_def();
-    peri_body_def bd = peri_default_body_def();
-    int i, j, k, c = 0, count = n * n * n;
-    peri_real *x = (peri_real *)malloc(3 * sizeof *x * (size_t)count);
-    unsigned seed = 1;
-    s->w = peri_world_create(&wd, NULL);
-    bd.spacing = (peri_real)(1.0 / n);
-    bd.horizon = (peri_real)horizon;
-    if (horizon > 2) bd.kernel_power = 1;
-    for (k = 0; k < n; k++)
-        for (j = 0; j < n; j++)
-            for (i = 0; i < n; i++, c++) {
-                x[3 * c] = (peri_real)i * bd.spacing;
-                x[3 * c + 1] = (peri_real)j * bd.spacing;
-                x[3 * c + 2] = (peri_real)k * bd.spacing;
-            }
-    bd.points = x;
-    bd.count = count;
-    bd.material = peri_material_create(s->w, m);
-    if (!peri_body_create(s->w, &bd).index1) return 0;
-    s->b = peri__body_at(s->w, 0);
-    for (i = 0; i < 3 * count; i++) {
-        seed = seed * 1664525u + 1013904223u;
-        s->w->x[i] += 0.1 / n * ((seed >> 8) / 16777216.0 - 0.5);
-    }
-    if (layout == LOCKSTEP && peri__lanes_leave(s->w, s->b)) return 0;
-    if (layout == SCALAR) s->b->lanes.blocks = 0;       /* reads what is laid out for lanes */
-    s->f = x;
-    s->layout = layout;
-    peri__pass_begin(&s->p, s->w, s->b, x);
-    if (layout != SCALAR && (!peri__lanes_place(s->w, s->b, s->p.x) || s->b->lanes.lattice != (layout == LATTICE)))
-        return 0;
-    return 1;
-}
-
-static void unmake(scene *s) {
-    free(s->f);
-    peri_world_destroy(s->w);
-}
-
-static volatile double sink;
-
-/* One pass: 0 local, 1 local with energy, 2 force, 3 positions into lanes, 4 a whole evaluation. */
-static void pass(scene *s, int kind) {
-    peri__lanes *t = &s->b->lanes;
-    int n = s->b->count;
-    if (kind == 4) {
-        sink = peri__pass_run(&s->p);
-    } else if (kind == 3) {
-        sink = peri__lanes_place(s->w, s->b, s->p.x);
-    } else if (s->layout == SCALAR) {
-        if (kind == 2) s->p.row->force(s->p.bonds, &s->b->matter, s->p.x, 0, n, peri__coef(s->w, s->b), s->f);
-        else sink = s->p.row->local(s->p.bonds, &s->b->matter, s->p.x, 0, n, peri__coef(s->w, s->b), kind);
-    } else {
-        if (kind == 2) s->p.row->lanes_force(s->p.bonds, t, &s->b->matter, 0, t->blocks, s->f);
-        else sink = s->p.row->lanes_local(s->p.bonds, t, &s->b->matter, 0, t->blocks, kind);
-    }
-}
+static double now(void) { return 1e-3 * bench_thread(); }
 
 /* Seconds of one pass. */
-static double measure(scene *s, int kind) {
+static double measure(bonds_scene *s, int kind) {
     double best = 1e9, start = now(), at, spent;
     int repeats, k;
-    pass(s, kind);
+    bonds_pass(s, kind);
     at = now() - start;
     repeats = (int)(0.025 / (at > 1e-6 ? at : 1e-6)) + 1;
     start = now();
     do {
         at = now();
-        for (k = 0; k < repeats; k++) pass(s, kind);
+        for (k = 0; k < repeats; k++) bonds_pass(s, kind);
         spent = (now() - at) / repeats;
         if (spent < best) best = spent;
     } while (now() - start < 0.3);
@@ -109,7 +31,7 @@ static double measure(scene *s, int kind) {
 }
 
 /* ns a particle of what the correspondence model does between its two gathers. */
-static double pointwise(scene *s) {
+static double pointwise(bonds_scene *s) {
     const peri__bonds *b = s->p.bonds;
     peri__lanes *t = &s->b->lanes;
     peri__row h[6], right[6], squares;
@@ -142,27 +64,57 @@ static void target(FILE *csv, const char *name, double value, double wanted, int
     if (csv) fprintf(csv, "target %s,,,%g,%g,%s\n", name, value, wanted, good ? "reached" : "MISSED");
 }
 
+static const char *const model[4] = {"stretch B1", "stretch A1", "correspondence", "projective"};
+
+/* Ours over LAMMPS', both at horizon 3.01: force loop and whole evaluation. */
+static void beside_lammps(FILE *csv, const char *path, int n, double force[4][LAYOUTS], double whole[4][LAYOUTS]) {
+    double pmb, lps, ms[2] = {0, 0};
+    char name[64];
+    int k, layout;
+    if (!lammps_found()) {
+        printf("LAMMPS: no program lmp with the package PERI, so nothing beside it: apt-get install lammps\n");
+        return;
+    }
+    pmb = lammps_bonds(path ? path : "loops", "pmb", n, 3.01, 20, ms);
+    lps = lammps_bonds(path ? path : "loops", "lps", n, 3.01, 10, ms + 1);
+    if (!(pmb > 0 && lps > 0)) {
+        printf("LAMMPS: it did not run\n");
+        return;
+    }
+    printf("LAMMPS, horizon 3.01: peri/pmb %.1f, peri/lps %.1f M bonds/s\n", pmb, lps);
+    printf("%-25s %12s %16s %16s\n", "ours over LAMMPS'", "force/pmb", "evaluation/pmb", "evaluation/lps");
+    if (csv) fprintf(csv, "LAMMPS pmb,lammps,3.01,evaluation,%g,%g\nLAMMPS lps,lammps,3.01,evaluation,%g,%g\n", pmb,
+                     ms[0], lps, ms[1]);
+    for (k = 0; k < 4; k++)
+        for (layout = 0; layout < LAYOUTS; layout++)
+            printf("%-15s %-9s %12.1f %16.1f %16.1f\n", model[k], layout_name[layout], force[k][layout] / pmb,
+                   whole[k][layout] / pmb, whole[k][layout] / lps);
+    for (k = 0; k < 4; k++)
+        for (layout = LOCKSTEP; layout < LAYOUTS; layout++) {
+            snprintf(name, sizeof name, "%s %s over pmb", layout_name[layout], model[k]);
+            target(csv, name, force[k][layout] / pmb, layout == LOCKSTEP ? 5 : 25, 0);
+        }
+}
+
 int main(int argc, char **argv) {
     static const char *const kind_name[5] = {"local", "local+energy", "force", "place", "evaluation"};
-    static const char *const model[4] = {"stretch B1", "stretch A1", "correspondence", "projective"};
-    int full = argc > 2 && strcmp(argv[2], "full") == 0, h, k, layout, kind, size = 29;
-    FILE *csv = argc > 1 ? fopen(argv[1], "w") : NULL;
-    double force[4][LAYOUTS], point = 0;
+    int h, k, layout, kind, size = 29;
+    FILE *csv = bench_csv(argc, argv, "model,layout,horizon,kernel,mbonds_per_s,ms");
+    double force[2][4][LAYOUTS], whole[2][4][LAYOUTS], point = 0;
     peri_material m[4];
     m[0] = peri_material_linear(1e5f, 0.3f, 1000);
     m[1] = peri_material_neo_hookean_papers(1e5f, 0.3f, 1000);
     m[2] = peri_material_neo_hookean(1e5f, 0.3f, 1000);
     m[3] = peri_material_projective(1e5f, 0.5f, 1000);
-    if (csv) fprintf(csv, "model,layout,horizon,kernel,mbonds_per_s,ms\n");
     printf("M bonds/s (place: ns a particle)\n%-15s %-9s %7s", "model", "layout", "horizon");
     for (kind = 0; kind < 5; kind++) printf(" %12s", kind_name[kind]);
     printf("\n");
-    for (h = 0; h <= full; h++)
+    for (h = 0; h < 2; h++)
         for (k = 0; k < 4; k++)
             for (layout = 0; layout < LAYOUTS; layout++) {
-                scene s;
+                bonds_scene s;
                 memset(&s, 0, sizeof s);
-                if (!make(&s, size, h ? 3.01 : 1.75, &m[k], layout)) {
+                if (!bonds_make(&s, size, h ? 3.01 : 1.75, &m[k], layout)) {
                     printf("no %s layout\n", layout_name[layout]);
                     return 1;
                 }
@@ -173,22 +125,24 @@ int main(int argc, char **argv) {
                     double value = kind == 3 ? 1e9 * time / s.b->count : 1e-6 * bonds / time;
                     printf(" %12.1f", value);
                     fflush(stdout);
-                    if (kind == 2 && !h) force[k][layout] = value;
+                    if (kind == 2) force[h][k][layout] = value;
+                    if (kind == 4) whole[h][k][layout] = value;
                     if (csv)
                         fprintf(csv, "%s,%s,%g,%s,%g,%g\n", model[k], layout_name[layout], h ? 3.01 : 1.75,
                                 kind_name[kind], value, 1e3 * time);
                 }
                 printf("\n");
                 if (k == 2 && layout == LOCKSTEP && !h) point = pointwise(&s);
-                unmake(&s);
+                bonds_unmake(&s);
             }
-    target(csv, "lockstep stretch A1 force, M/s", force[1][LOCKSTEP], 530, 0);
-    target(csv, "lockstep correspondence force", force[2][LOCKSTEP], 400, 0);
-    target(csv, "lockstep projective force", force[3][LOCKSTEP], 260, 0);
-    target(csv, "lattice stretch A1 force", force[1][LATTICE], 3300, 0);
-    target(csv, "lattice correspondence force", force[2][LATTICE], 2700, 0);
-    target(csv, "lattice projective force", force[3][LATTICE], 1000, 0);
+    target(csv, "lockstep stretch A1 force, M/s", force[0][1][LOCKSTEP], 530, 0);
+    target(csv, "lockstep correspondence force", force[0][2][LOCKSTEP], 400, 0);
+    target(csv, "lockstep projective force", force[0][3][LOCKSTEP], 260, 0);
+    target(csv, "lattice stretch A1 force", force[0][1][LATTICE], 3300, 0);
+    target(csv, "lattice correspondence force", force[0][2][LATTICE], 2700, 0);
+    target(csv, "lattice projective force", force[0][3][LATTICE], 1000, 0);
     target(csv, "pointwise, ns a particle", point, 12, 1);
+    beside_lammps(csv, argc > 1 ? argv[1] : NULL, size, force[1], whole[1]);
     printf("%d targets missed\n", missed);
     if (csv) fclose(csv);
     return 0;

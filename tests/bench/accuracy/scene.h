@@ -59,7 +59,7 @@ typedef struct rival {
     int (*run)(const struct rival *by, const setup *s, course *out);
 } rival;
 
-extern const rival bench_baselines[];   /* ends with a NULL name */
+extern const rival bench_baselines[], bench_bullet[];    /* end with a NULL name */
 
 /* Duration in s, and number of moments. */
 double scene_duration(int scene);
