@@ -170,8 +170,9 @@ static int sizes(FILE *csv, int full) {
                                             "bytes: Cholesky"};
         printf("%-24s", name[p]);
         for (k = 0; k < count; k++) {
-            printf(" %9.0f", bytes[k][p]);
-            if (csv) fprintf(csv, "bytes,\"%s\",%.0f,,%g,\n", name[p], n[k], bytes[k][p]);
+            if (bytes[k][p] > 0) printf(" %9.0f", bytes[k][p]);
+            else printf(" %9s", "-");
+            if (csv && bytes[k][p] > 0) fprintf(csv, "bytes,\"%s\",%.0f,,%g,\n", name[p], n[k], bytes[k][p]);
         }
         printf("\n");
     }
