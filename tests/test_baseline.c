@@ -333,6 +333,26 @@ static void keeps_momentum(void) {
     }
 }
 
+/* Torn and let go, no method starts to spin by itself, but XPBD, whose constraints turn from sweep to sweep. */
+static void makes_no_torque(void) {
+    int m, i, c;
+    for (m = 0; m < BASELINE_XPBD; m++) {
+        baseline_def d = block_def((baseline_method)m, 4, 3, 2, 0.1);
+        baseline *b = block(&d);
+        double l[3] = {0}, turn[3], size = 0;
+        random_seed(11);
+        shake(b, 0.1);
+        CHECK(baseline_step(b, 2e-3) == 0);
+        for (i = 0; i < b->count; i++) {
+            cross(b->x + 3 * i, b->v + 3 * i, turn);
+            for (c = 0; c < 3; c++) l[c] += b->mass[i] * turn[c];
+            size += b->mass[i] * norm(turn, 3);
+        }
+        NEAR(norm(l, 3) / size, 0, 1e-6);
+        baseline_destroy(b);
+    }
+}
+
 /* What the caller holds stays where the caller puts it, and drags the rest along. */
 static void fixed_points_are_the_callers(void) {
     double sum;
@@ -393,6 +413,26 @@ static void newton_finds_the_step(void) {
         NEAR(t[1] / t[0], 1, 1e-6);
         NEAR(t[2] / t[0], 1, 0.01);
     }
+}
+
+/* Crushed to a third, the exact stiffness is indefinite: the textbook's Newton fails and says so, the other goes on. */
+static void plain_newton_fails_where_it_must(void) {
+    int m, k, plain;
+    for (m = BASELINE_SPRINGS; m <= BASELINE_STVK; m++)
+        for (plain = 0; plain < 2; plain++) {
+            baseline_def d = block_def((baseline_method)m, 3, 2, 2, 0.1);
+            baseline *b;
+            int result;
+            d.plain = plain;
+            d.tolerance = 1e-4;
+            b = block(&d);
+            random_seed(12);
+            shake(b, 0.05);
+            for (k = 0; k < 3 * b->count; k++) b->x[k] *= 0.3;
+            result = baseline_step(b, 1);
+            CHECK(plain ? result == -1 : result >= 0);
+            baseline_destroy(b);
+        }
 }
 
 /* ---- elasticity -------------------------------------------------------------------------------------------------- */
@@ -642,9 +682,11 @@ int main(int argc, char **argv) {
     RUN(rotation_costs_nothing);
     RUN(falls_freely);
     RUN(keeps_momentum);
+    RUN(makes_no_torque);
     RUN(fixed_points_are_the_callers);
     RUN(explicit_step_has_a_limit);
     RUN(newton_finds_the_step);
+    RUN(plain_newton_fails_where_it_must);
     RUN(hanging_bar_stretches_by_theory);
     RUN(tetrahedra_converge_to_finite_elements);
     RUN(particles_approach_finite_elements);

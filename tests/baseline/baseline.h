@@ -42,7 +42,7 @@ typedef struct baseline {
     baseline_def def;
     int count;
     double *rest, *x, *v;               /* 3 count */
-    double *mass, *volume;              /* count */
+    double *mass, *volume;              /* count; the caller may change mass at any time */
     unsigned char *fixed;               /* count; 1: x is the caller's */
     int iterations;                     /* of the last step */
     void *own;                          /* the method's */
