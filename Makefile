@@ -5,7 +5,7 @@
 #   make test       runs tests and examples in about 7 minutes (-j2); the last line is "N passed, N failed"
 #   make gallery    runs every example; pictures in build/out/NAME/
 #   make bench      measures; tables in build/bench/NAME.csv   (BENCH=NAME: one; SIZE=quick|full)
-#   make charts     draws the tables that are there with gnuplot: build/bench/NAME.png
+#   make charts     draws the tables that are there with gnuplot: build/charts/NAME.png, NAME.svg
 #   make matrix     compiles the headers in every way that is promised
 #   make clean      removes build/
 #
@@ -52,7 +52,7 @@ gallery-%: $(BUILD)/examples/% FORCE
 bench: $(BENCH:%=$(BUILD)/bench/%.csv)
 
 charts:
-	@sh tests/run.sh charts $(BUILD)/bench
+	@sh tests/run.sh charts $(BUILD)/bench $(BUILD)/charts
 
 matrix:
 	@CFLAGS= sh tests/matrix.sh $(BUILD)/matrix

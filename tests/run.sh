@@ -4,7 +4,7 @@
 #   run.sh test LOG PROGRAM            runs a test program into LOG; its last line is "N passed, N failed"
 #   run.sh example LOG PROGRAM ARGS    runs an example: one test, passed when it exits with 0
 #   run.sh sum LOG...                  adds the logs up; one that is missing did not compile
-#   run.sh charts FOLDER               draws FOLDER/*.csv
+#   run.sh charts FOLDER OUT           draws FOLDER/*.csv as OUT/*.png and OUT/*.svg
 
 # A program's lines come out in one piece at its end, so that `make -j` does not mix them.
 run() {
@@ -50,19 +50,20 @@ sum() {
     [ $failed -eq 0 ] && [ $passed -gt 0 ]
 }
 
-# tests/bench/NAME.gp draws NAME.csv where it exists (it finds its files in csv and png); else every column
-# but the first by row, which the first one names.
+# tests/bench/NAME.gp draws NAME.csv where it exists (it finds its files in csv and png); else every column but the
+# first by row, which the first one names. Scripts draw with pngcairo; the same with another terminal makes the SVG.
 charts() {
     if ! command -v gnuplot >/dev/null 2>&1; then
         echo "gnuplot not found: apt-get install gnuplot-nox"
         return 0
     fi
+    mkdir -p "$2"
     for csv in "$1"/*.csv; do
         [ -f "$csv" ] || { echo "no tables in $1: make bench first"; return 1; }
-        png=${csv%.csv}.png
-        script=tests/bench/$(basename "$csv" .csv).gp
+        name=$(basename "$csv" .csv)
+        script=tests/bench/$name.gp
         if [ ! -f "$script" ]; then
-            script=$1/default.gp
+            script=$2/default.gp
             cat >"$script" <<'GNUPLOT'
 set datafile separator ","
 set terminal pngcairo size 900,600
@@ -74,8 +75,12 @@ set logscale y
 plot for [c = 2:STATS_columns] csv using 0:c:xticlabels(1) with linespoints
 GNUPLOT
         fi
-        gnuplot -e "csv='$csv'; png='$png'" "$script" && echo "wrote $png" || return 1
+        gnuplot -e "csv='$csv'; png='$2/$name.png'" "$script" || return 1
+        sed 's/set terminal pngcairo/set terminal svg background "#ffffff"/' "$script" >"$2/svg.gp"
+        gnuplot -e "csv='$csv'; png='$2/$name.svg'" "$2/svg.gp" || return 1
+        echo "wrote $2/$name.png $2/$name.svg"
     done
+    rm -f "$2"/*.gp
 }
 
 command=$1

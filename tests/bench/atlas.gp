@@ -50,7 +50,7 @@ do for [m in maps] {
     ys = sorted("$5", of(m))
     rows = (words(keys) + 4) / 5
     set terminal pngcairo size 1700,120 + 260 * rows font ",10"
-    set output png[1:strlen(png) - 4]."-".m.".png"
+    set output png[1:strlen(png) - 4]."-".m.png[strlen(png) - 3:]
     small = 7
     set multiplot layout rows,5 margins 0.05,0.985,0.11 / (0.4 * rows),1 - 0.25 / rows spacing 0.045,0.36 / rows \
         title m.": ".says(m).". ".xname(m)." (x), ".yname(m)." (y); error in %; green right, yellow wrong by more \
