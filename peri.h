@@ -77,7 +77,7 @@
                       a face is 1.5 times too stiff: 5 layers shorten 0.8 of the exact value.
        thin solids    one row or layer of 3 or more is 11 to 13 % off across (correspondence, stretch): take sheets.
        missing        the answer stays within 10 % while of a lattice's inner particles at most so many are taken out:
-                      none with 6 neighbours, 20 % with 18 (horizon 1.45), 40 % with 26, 80 % with 122.
+                      none with 6 neighbours, 20 % with 18 (horizon 1.45), 60 % with 26, 80 % with 122.
        solvers        AUTO, Cholesky and two levels: no capped steps for E 1e3 to 1e9 at steps of 1 ms to 10 s.
                       Chebyshev meets the cap for stiff bodies at long steps, Jacobi and position-based averaging from
                       1e6 Pa at 1/30 s on (E h^2 above 1000 at d 25 mm), mostly a few per cent, up to 26 % off there.

@@ -75,9 +75,9 @@ set logscale y
 plot for [c = 2:STATS_columns] csv using 0:c:xticlabels(1) with linespoints
 GNUPLOT
         fi
-        gnuplot -e "csv='$csv'; png='$2/$name.png'" "$script" || return 1
+        gnuplot -e "csv='$csv'; png='$2/$name.png'" "$script" || { echo "$csv: not drawn"; continue; }
         sed 's/set terminal pngcairo/set terminal svg background "#ffffff"/' "$script" >"$2/svg.gp"
-        gnuplot -e "csv='$csv'; png='$2/$name.svg'" "$2/svg.gp" || return 1
+        gnuplot -e "csv='$csv'; png='$2/$name.svg'" "$2/svg.gp" || continue
         echo "wrote $2/$name.png $2/$name.svg"
     done
     rm -f "$2"/*.gp
