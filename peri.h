@@ -95,7 +95,7 @@
                       0.02 spacings at rest, up to 0.25 at a hard landing. Nothing passes a sheet of one layer or a
                       collider at up to 30 contact distances a step (90 m/s at 60 steps a second and 5 cm). Energy
                       does not grow in 999 of 1000 collisions (one gained 2.6 % in float, one 20 % in double under
-                      BDF2); 4 meet the cap and are stopped without a bounce. Capped steps may gain up to 2.7 times.
+                      BDF2); 4 meet the cap and are stopped without a bounce. Capped steps may gain up to 1.8 times.
                       Heavy bodies on light sheets take hundreds of iterations: raise max_iterations, or take shorter
                       steps.
        rods           twist linear to 1 % at 180 degrees over 20 spacings, 5 % too soft at 360; up to a spacing thick.
@@ -5139,12 +5139,10 @@ static void peri__place(const peri_world *w, size_t at, double s, double p[3]) {
 }
 
 /* Weights of the patch for a particle at x, patch particles at place[]: (1 - r^2/R^2)^3, then tilted so that the foot
-   comes below the particle along the surface, and cut at zero so that it stays on it. Across the surface of a solid they
-   are tilted half as much: a layer behind must not count, but at the end of a thin limb all of it would take the foot
-   from the nearest particle, to and fro for ever. Returns 0, and leaves the weights, when no particle is within R. */
-static int peri__foot_weights(peri__contact *t, int sheet, const double x[3], double place[][3]) {
+   comes below the particle along the surface, and cut at zero so that it stays on it. Returns 0, and leaves the
+   weights, when no particle is within R. */
+static int peri__foot_weights(peri__contact *t, const double x[3], double place[][3]) {
     double share[PERI__PATCH], sum = 0, mean[3] = {0, 0, 0}, a[9], inverse[9], lean[3], off[3], det, trace;
-    double along;
     int k, c, d;
     for (k = 0; k < t->count; k++) {
         double r2 = 0, q;
@@ -5165,7 +5163,6 @@ static int peri__foot_weights(peri__contact *t, int sheet, const double x[3], do
     for (c = 0; c < 9; c += 4) a[c] += 0.1 * trace;
     det = peri_det3(a);
     for (c = 0; c < 3; c++) off[c] = x[c] - mean[c];
-    for (c = 0, along = peri__dot3(off, t->normal); c < 3 && !sheet; c++) off[c] -= along / 2 * t->normal[c];
     lean[0] = lean[1] = lean[2] = 0;
     if (det > 0) {
         peri_adjugate3(a, inverse);
@@ -5190,7 +5187,7 @@ static int peri__foot(const peri_world *w, peri__contact *t, double s, double aw
     int k, c, found;
     peri__place(w, (size_t)(a->first + t->particle), s, x);
     for (k = 0; k < t->count; k++) peri__place(w, (size_t)(b->first + t->patch[k]), s, place[k]);
-    found = peri__foot_weights(t, b->normal != NULL, x, place);
+    found = peri__foot_weights(t, x, place);
     for (c = 0; c < 3; c++) {
         away[c] = x[c];
         for (k = 0; k < t->count; k++) away[c] -= t->share[k] * place[k][c];
@@ -5330,18 +5327,18 @@ static void peri__contact_scatter(const peri_world *w, const peri__contact *t, i
     }
 }
 
-/* Weights and normal (of a body: while `turn`) and, by the share `relax`, the pressure that limits friction follow the
-   particles. Between these calls they stay, so that there is an energy to go down. */
-static void peri__contact_refresh(peri_world *w, peri__contact *t, int turn, double relax) {
+/* Weights, normal and (by the share `relax`) the pressure that limits friction follow the particles. Between these
+   calls they stay, so that there is an energy to go down. */
+static void peri__contact_refresh(peri_world *w, peri__contact *t, double relax) {
     const peri__collider *solid;
     double away[3], normal[3];
     t->held += relax * (t->pressure - t->held);
-    if (t->target >= PERI__TARGET_BODY && turn) {
+    if (t->target >= PERI__TARGET_BODY) {
         int found = peri__foot(w, t, 1, away);
         double along = peri__dot3(away, t->normal);
         if (found) peri__contact_turn(w, t, 1, away);
         t->loose = !found && 2 * along * along < peri__dot3(away, away);
-    } else if (t->target < PERI__TARGET_BODY) {
+    } else {
         solid = peri__contact_collider(w, t);
         peri__collider_distance(solid, 1, w->x + 3 * (size_t)(peri__body_at(w, t->body)->first + t->particle), normal);
         if (peri__dot3(normal, t->normal) > -0.5) memcpy(t->normal, normal, sizeof normal);
@@ -6950,14 +6947,10 @@ static int peri__evaluate(peri__solve *s, peri_real *out, double *energy) {
     return peri__finite(sum) && peri__finite(peri_dot(&w->def.parallel, s->n, out, out));
 }
 
-#define PERI__FOLLOW 20     /* iterations in which contacts follow at once */
-
-/* Lets the contacts follow what was reached; gradient and energy with them. Each pushes as the others let it. Then, in a
-   heap, they chase each other, and what turns in every iteration is nothing that L-BFGS could learn: so after the first
-   iterations feet and normals on other bodies stay, and the pressures that limit friction follow more and more slowly. */
+/* Lets the contacts follow what was reached; gradient and energy with them. Each pushes as the others let it: from the
+   twentieth time on the pressures that limit friction follow more and more slowly, or they would chase each other. */
 static void peri__refresh_contacts(peri__solve *s) {
-    int turn = s->refreshed < PERI__FOLLOW;
-    double relax = turn ? 1 : (double)PERI__FOLLOW / s->refreshed;
+    double relax = s->refreshed < 20 ? 1 : 20.0 / s->refreshed;
     int k;
     s->refreshed++;
     for (k = s->island.contacts; k < s->island.contacts_end; k++) {
@@ -6965,7 +6958,7 @@ static void peri__refresh_contacts(peri__solve *s) {
         if (!t->touching && t->depth < -0.5 * t->distance && t->target < PERI__TARGET_BODY) continue;
         s->energy -= t->energy;
         peri__contact_scatter(s->w, t, s->island.at, 1, s->g);
-        peri__contact_refresh(s->w, t, turn, relax);
+        peri__contact_refresh(s->w, t, relax);
         peri__contact_scatter(s->w, t, s->island.at, -1, s->g);
         s->energy += t->energy;
     }
