@@ -2,7 +2,7 @@
 #
 #   make            builds the examples: build/examples/NAME
 #   make run        builds and runs the first example; pictures in build/out/drop/   (RUN=NAME: another)
-#   make test       runs tests and examples in about 7 minutes (-j2); the last line is "N passed, N failed"
+#   make test       runs tests and examples in about 9 minutes (-j2); the last line is "N passed, N failed"
 #   make gallery    runs every example; pictures in build/out/NAME/
 #   make bench      measures; tables in build/bench/NAME.csv   (BENCH=NAME: one; SIZE=quick|full)
 #   make charts     draws the tables that are there with gnuplot: build/charts/NAME.png, NAME.svg
@@ -22,8 +22,9 @@ COMPILE = $(CC) -std=c99 -Wall -Wextra -pedantic $(CFLAGS)
 HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h tests/baseline/*.h)
 EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
 TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
-# tests that say the same, or nothing, when peri_real is double (test_accuracy and test_baseline are double already)
-FLOAT_ONLY = test_golden test_accuracy test_baseline
+# tests that say the same, or nothing, when peri_real is double (test_accuracy and test_baseline are double already,
+# test_studio has no peri_real)
+FLOAT_ONLY = test_golden test_accuracy test_baseline test_studio
 # one log per thing that `make test` runs: a test, a test in double, an example
 # (SKIP: patterns of those to leave out, as SKIP="%.double example.%")
 LOGS = $(filter-out $(SKIP:%=$(BUILD)/log/%),$(TESTS:%=$(BUILD)/log/%) \
