@@ -24,7 +24,7 @@ EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
 TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
 # tests that say the same, or nothing, when peri_real is double (test_accuracy and test_baseline are double already,
 # test_studio has no peri_real)
-FLOAT_ONLY = test_golden test_accuracy test_baseline test_studio
+FLOAT_ONLY = test_golden test_accuracy test_baseline test_studio test_stability
 # one log per thing that `make test` runs: a test, a test in double, an example
 # (SKIP: patterns of those to leave out, as SKIP="%.double example.%")
 LOGS = $(filter-out $(SKIP:%=$(BUILD)/log/%),$(TESTS:%=$(BUILD)/log/%) \
