@@ -23,7 +23,7 @@ HEADERS = $(wildcard *.h examples/*.h tests/*.h tests/bench/*.h tests/baseline/*
 EXAMPLES = $(notdir $(basename $(wildcard examples/*.c)))
 TESTS = $(notdir $(basename $(wildcard tests/test_*.c)))
 # tests that say the same, or nothing, when peri_real is double (test_accuracy and test_baseline are double already,
-# test_studio has no peri_real)
+# test_studio has no peri_real, test_stability compares with baselines in double)
 FLOAT_ONLY = test_golden test_accuracy test_baseline test_studio test_stability
 # one log per thing that `make test` runs: a test, a test in double, an example
 # (SKIP: patterns of those to leave out, as SKIP="%.double example.%")
