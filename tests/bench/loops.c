@@ -75,8 +75,8 @@ static void beside_lammps(FILE *csv, const char *path, int n, double force[4][LA
         printf("LAMMPS: no program lmp with the package PERI, so nothing beside it: apt-get install lammps\n");
         return;
     }
-    pmb = lammps_bonds(path ? path : "loops", "pmb", n, 3.01, 20, ms);
-    lps = lammps_bonds(path ? path : "loops", "lps", n, 3.01, 10, ms + 1);
+    pmb = lammps_bonds(path, "pmb", n, 3.01, 20, ms);
+    lps = lammps_bonds(path, "lps", n, 3.01, 10, ms + 1);
     if (!(pmb > 0 && lps > 0)) {
         printf("LAMMPS: it did not run\n");
         return;
@@ -142,7 +142,8 @@ int main(int argc, char **argv) {
     target(csv, "lattice correspondence force", force[0][2][LATTICE], 2700, 0);
     target(csv, "lattice projective force", force[0][3][LATTICE], 1000, 0);
     target(csv, "pointwise, ns a particle", point, 12, 1);
-    beside_lammps(csv, argc > 1 ? argv[1] : NULL, size, force[1], whole[1]);
+    /* its scripts and logs go beside the table, or, without one, beside the program */
+    beside_lammps(csv, argv[argc > 1], size, force[1], whole[1]);
     printf("%d targets missed\n", missed);
     if (csv) fclose(csv);
     return 0;
