@@ -731,7 +731,7 @@ typedef struct peri__body {
     double spacing, horizon, radius, mass, friction;
     int self_contact;
     uint32_t group, touches;
-    int fixed, singular, unhealthy;
+    int fixed, singular, unhealthy, braced; /* particles; the last two: during this step */
     int steps;                  /* since the last break of its history: BDF2 needs one */
     double step_before;         /* dt of the last step, for BDF2 with changing steps */
     double matrix_h;            /* the step that the matrix was made for; 0: must be made */
@@ -847,7 +847,7 @@ typedef struct peri__island {
 /* Particle arrays, all in the table of peri__particle_rows below; which ones exist depends on what the world uses. */
 enum {
     PERI__WANT_STATE = 1, PERI__WANT_SOLVE = 2, PERI__WANT_LBFGS = 4, PERI__WANT_HISTORY = 8, PERI__WANT_FORCE = 16,
-    PERI__WANT_AIM = 32, PERI__WANT_SPECIAL = 64, PERI__WANT_PLATE = 128
+    PERI__WANT_AIM = 32, PERI__WANT_SPECIAL = 64, PERI__WANT_PLATE = 128, PERI__WANT_BRACE = 256
 };
 #define PERI__ROWS 24
 
@@ -863,7 +863,7 @@ struct peri_world {
     size_t row_bytes[PERI__ROWS];   /* held by each array */
     int stride;                 /* reals of coef per particle */
     double *x, *x0, *star, *base, *back, *aim, *partial;
-    peri_real *v, *v0, *out, *mass, *force, *g, *g1, *p, *change, *coef, *plate, *history, *work, *special;
+    peri_real *v, *v0, *out, *mass, *force, *g, *g1, *p, *change, *coef, *plate, *history, *work, *special, *brace;
     unsigned char *flags, *mode;
     peri__contact *contacts;    /* of the step under way, in order of body, target, particle */
     int *contact_order;         /* the same, by island */
@@ -899,6 +899,7 @@ static int peri__particle_rows(peri_world *w, void ***array, size_t *bytes, unsi
     PERI__ROW(aim, d3, PERI__WANT_AIM);
     PERI__ROW(force, r3, PERI__WANT_FORCE);
     PERI__ROW(special, 9 * r, PERI__WANT_SPECIAL);
+    PERI__ROW(brace, r, PERI__WANT_BRACE);
     PERI__ROW(star, d3, PERI__WANT_SOLVE);
     PERI__ROW(base, d3, PERI__WANT_SOLVE);
     PERI__ROW(g, r3, PERI__WANT_SOLVE);
@@ -4501,6 +4502,7 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
     if (bad) return bad;
     if (w->def.integrator == PERI_BDF2) wants |= PERI__WANT_HISTORY;
     if (b->plate) wants |= PERI__WANT_PLATE;
+    if (b->moment && !b->normal) wants |= PERI__WANT_BRACE;
     for (i = 0; i < d->count; i++)
         if ((*flags)[i] & PERI__SINGULAR) wants |= PERI__WANT_SPECIAL;
     return peri__reserve(w, w->particles + d->count, wants, peri__model(b->matter.m.model)->stride);
@@ -4510,6 +4512,7 @@ static peri_result peri__body_build(peri_world *w, peri__body *b, peri__making *
 static const peri__bonds *peri__view(const peri_world *w, peri__body *b) {
     b->bonds.mode = w->mode + b->first;
     b->bonds.special = w->special ? w->special + 9 * (size_t)b->first : NULL;
+    b->bonds.brace = b->braced ? w->brace + b->first : NULL;
     return &b->bonds;
 }
 
@@ -6386,8 +6389,19 @@ typedef struct peri__health {
     peri_world *w;
     peri__body *b;
     const peri__bonds *bonds;
-    int fill;       /* second pass: shapes of the unhealthy into special */
+    peri_real *brace;   /* of a correspondence solid's particles, or NULL */
+    int fill;           /* second pass: shapes of the unhealthy into special */
 } peri__health;
+
+/* 1 where a particle is out of shape. */
+static peri_real peri__brace_one(const peri__matter *m, const double f[9], int bad) {
+    peri__row wide[9];
+    peri_real brace[PERI__LANES];
+    int k;
+    for (k = 0; k < 9; k++) wide[k][0] = (peri_real)f[k];
+    peri__brace(m, 1, wide, brace);
+    return bad ? 1 : brace[0];
+}
 
 static void peri__health_one(const peri__health *p, int i) {
     const double *x = p->w->x0 + 3 * (size_t)p->b->first;
@@ -6399,6 +6413,7 @@ static void peri__health_one(const peri__health *p, int i) {
     unsigned char skip = (unsigned char)(sheet ? PERI__SINGULAR : PERI__FLAT | PERI__SINGULAR);
     if (p->fill ? mode[i] != PERI__RESTORED : (flags & skip) != 0) {
         if (!p->fill) mode[i] = flags & PERI__SINGULAR ? PERI__FALLBACK : PERI__MAIN;
+        if (!p->fill && p->brace) p->brace[i] = 1;
         return;
     }
     peri__gradient(p->bonds, x, i, f);
@@ -6406,6 +6421,7 @@ static void peri__health_one(const peri__health *p, int i) {
     if (sheet) bad = peri__unhealthy_sheet(m, f, h, p->bonds->normal + 3 * (size_t)i, fhat);
     else bad = peri__unhealthy(m, f, strain ? h : NULL, fhat);
     mode[i] = bad ? PERI__RESTORED : PERI__MAIN;
+    if (p->brace) p->brace[i] = peri__brace_one(m, f, bad);
     for (k = 0; k < 9 && p->fill; k++) p->w->special[9 * (size_t)(p->b->first + i) + (size_t)k] = fhat[k];
 }
 
@@ -6422,19 +6438,23 @@ static void peri__health_lanes_task(int begin, int end, void *context) {
     unsigned char *mode = p->w->mode + p->b->first;
     const unsigned char *flags = p->w->flags + p->b->first;
     int q, l, plain = (double)m->healthy_min < 0.7 && (double)m->healthy_max > 1.23;
-    peri__row away;
+    peri__row away, brace;
     for (q = begin; q < end; q++) {
-        peri__lanes_away(p->bonds, t, q, p->b->moment != NULL, away);
+        peri__lanes_away(p->bonds, t, &p->b->matter, q, p->b->moment != NULL, away, p->brace ? brace : NULL);
         for (l = 0; l < PERI__LANES; l++) {
             int i = t->who[PERI__LANES * q + l];
             if (i < 0) continue;
-            if (plain && away[l] < PERI__R(0.2499) && !(flags[i] & (PERI__FLAT | PERI__SINGULAR))) mode[i] = PERI__MAIN;
-            else peri__health_one(p, i);
+            if (plain && away[l] < PERI__R(0.2499) && !(flags[i] & (PERI__FLAT | PERI__SINGULAR))) {
+                mode[i] = PERI__MAIN;
+                if (p->brace) p->brace[i] = brace[l];
+            } else {
+                peri__health_one(p, i);
+            }
         }
     }
 }
 
-/* Which particles are out of shape at the start of the step. */
+/* Which particles are out of shape at the start of the step, and which are pressed so much that they need a brace. */
 static peri_result peri__health_check(peri_world *w, peri__body *b) {
     const peri_parallel *par = &w->def.parallel;
     peri__health p;
@@ -6443,11 +6463,13 @@ static peri_result peri__health_check(peri_world *w, peri__body *b) {
     p.w = w;
     p.b = b;
     p.bonds = peri__view(w, b);
+    p.brace = b->moment && !b->normal ? w->brace + b->first : NULL;
     p.fill = 0;
     if (b->matter.restore > 0 && peri__lanes_place(w, b, w->x0 + 3 * (size_t)b->first))
         peri_parallel_for(par, b->lanes.blocks, PERI__LANES_GRAIN, peri__health_lanes_task, &p);
     else peri_parallel_for(par, b->count, PERI__GRAIN, peri__health_task, &p);
     for (b->unhealthy = 0, i = 0; i < b->count; i++) b->unhealthy += w->mode[b->first + i] == PERI__RESTORED;
+    for (b->braced = 0, i = 0; p.brace && i < b->count; i++) b->braced += p.brace[i] > 1;
     if (!b->unhealthy) return PERI_OK;
     bad = peri__reserve(w, w->particles, PERI__WANT_SPECIAL, 0);
     p.fill = 1;
@@ -6768,6 +6790,7 @@ typedef struct peri__solve {
     int evaluations;
     int refreshed;              /* how often the contacts followed */
     double energy, energy1;     /* at x, at the trial */
+    double floors;              /* the last correction in PERI__FLOOR */
 } peri__solve;
 
 static peri__body *peri__first(const peri__solve *s) { return peri__body_at(s->w, s->island.first); }
@@ -6984,15 +7007,18 @@ static double peri__largest(const peri_real *p, int n) {
     return sqrt(largest);
 }
 
+#define PERI__FLOOR (sizeof(peri_real) > 4 ? 1e-15 : 2e-7)      /* of a stretch: what forces can tell at rest */
+
 /* Largest correction of any body, in its tolerance; *length: in m. */
-static double peri__corrections(const peri__solve *s, double *length) {
+static double peri__corrections(peri__solve *s, double *length) {
     const peri__body *b;
     double worst = 0;
-    *length = 0;
+    *length = s->floors = 0;
     for (b = peri__first(s); b; b = peri__next(s, b)) {
         double largest = peri__largest(s->p + 3 * (size_t)(b->at - s->island.at), 3 * b->count);
         if (largest > *length) *length = largest;
         if (largest > worst * b->tolerance) worst = largest / b->tolerance;
+        if (largest > s->floors * PERI__FLOOR * b->spacing) s->floors = largest / (PERI__FLOOR * b->spacing);
     }
     return worst;
 }
@@ -7155,16 +7181,22 @@ static double peri__tolerance(const peri_world *w, const peri__body *b) {
     if (b->near_contact) scale /= 4;
     /* what is about to sleep must not be kept awake by what the solver leaves, nor sleep with it */
     if (b->calm) scale /= 30;
-    return (double)w->def.tolerance * scale * peri__trust(w, b);
+    scale *= (double)w->def.tolerance * peri__trust(w, b);
+    return scale > PERI__FLOOR * b->spacing ? scale : PERI__FLOOR * b->spacing;
 }
 
 /* Iterates to the tolerance. *worst: the last correction, in tolerances. */
 static peri_result peri__descend(peri__solve *s, int *iterations, double *length, double *worst) {
     peri_result bad = PERI_OK;
-    int going = 1, before;
+    double least = 0;
+    int going = 1, idle = 0, before;
     while (going && !bad && *iterations < s->w->def.max_iterations) {
         before = s->evaluations;
         going = peri__iterate(s, length, worst);
+        /* corrections near the rounding of forces that shrink no more are rounding */
+        idle = going && least > 0 && *length > 0.9 * least && s->floors < 50 ? idle + 1 : 0;
+        if (!(least > 0) || *length < least) least = *length;
+        if (idle == 6) going = 0, *worst = 1;
         /* no way down from the guess: it was absurd, start from where the bodies were */
         if (!going && !*iterations && *worst > 1 && peri__restart(s)) {
             peri__take_trial(s);

@@ -771,6 +771,7 @@ typedef struct peri__bonds {
     int plate_rows;                 /* 3: flat, 5: curved */
     const unsigned char *mode;      /* n: a peri__mode each */
     peri_real *special;             /* 9 n: of particles whose mode is not PERI__MAIN (NULL: there are none) */
+    const peri_real *brace;         /* n: factor on the stabiliser during this step, see peri__brace; or NULL: 1 */
     double unit;                    /* d^3 */
     const struct peri__matter *matters; /* of a body of several materials, else NULL: */
     const unsigned char *kind;          /* which of them a particle is made of */
@@ -790,6 +791,7 @@ typedef struct peri__matter {
     peri__basis g, h;
     peri_real stabiliser;   /* s (15/2) mu, Pa */
     peri_real restore;      /* k of the restoring energy, Pa */
+    peri_real brace_shape, brace_volume;    /* of a correspondence solid, see peri__brace */
     double stiffness_g, stiffness_h;    /* bond stiffness of the constant matrix, Pa: g'' part, h'' part (times G) */
     double plane_mu, plane_lambda;      /* of a sheet: mu and lambda' in plane stress, Pa */
 } peri__matter;
@@ -1071,7 +1073,7 @@ static double peri__correspondence_local(const peri__bonds *b, const peri__matte
         peri_real *out = coef + PERI__CORRESPONDENCE_STRIDE * (size_t)i;
         const peri__matter *own = peri__matter_of(b, m, i);
         double factor = (double)peri__firmness(b, i), scale = b->unit * (double)b->share[i] * factor;
-        double t = (double)own->stabiliser;
+        double t = (double)own->stabiliser * (b->brace ? (double)b->brace[i] : 1);
         if (b->mode[i] != PERI__MAIN) {
             for (c = 0; c < PERI__CORRESPONDENCE_STRIDE; c++) out[c] = 0;
             continue;
@@ -1265,6 +1267,7 @@ typedef struct peri__own {
     peri__spot x[3][PERI__LANES];
     peri__row volume;       /* v, of a lattice, whose bonds leave it out; else 1 */
     peri__row scale, norm;  /* unit c and c/v times volume; 0 in lanes without a particle that counts */
+    peri__row brace;        /* factor on the stabiliser */
     peri__row2 size;        /* unit v, in the same way */
 } peri__own;
 
@@ -1298,6 +1301,7 @@ PERI__INLINE void peri__lanes_own(const peri__bonds *b, const peri__lanes *t, in
         int i = who[l] < 0 ? 0 : who[l], counts = who[l] >= 0 && (!mode || mode[i] == PERI__MAIN);
         peri_real factor = b->factor ? b->factor[i] : 1;
         o->volume[l] = lattice ? t->volume[at + (size_t)l] : 1;
+        o->brace[l] = b->brace ? b->brace[i] : 1;
         o->scale[l] = counts ? (peri_real)b->unit * b->share[i] * factor : 0;
         o->norm[l] = counts ? b->share[i] / b->volume[i] * o->volume[l] : 0;
         o->size[l] = counts ? b->unit * (double)(b->volume[i] * factor) : 0;
@@ -1535,11 +1539,11 @@ PERI__INLINE void peri__strain_block(const peri__bonds *b, const peri__lanes *t,
 PERI__INLINE double peri__correspondence_point(const peri__bonds *b, const peri__lanes *t, const peri__matter *m,
                                                const peri__own *own, int block, size_t at, peri__row *h,
                                                peri__row *right, const peri_real *squares, int energy) {
-    const peri_real half = m->stabiliser / 2;
-    peri__row stress[6], l6[6];
+    peri__row stress[6], l6[6], half;
     peri__row2 strain[6], dpsi[6], psi;
     double total = 0;
     int l, c;
+    PERI__EACH(l) half[l] = m->stabiliser / 2 * own->brace[l];
     for (c = 0; c < 6; c++) PERI__EACH(l) strain[c][l] = (double)h[c][l];
     peri__law(&m->m, PERI__LANES, strain, dpsi, psi);
     for (c = 0; c < 6; c++) {
@@ -1549,15 +1553,15 @@ PERI__INLINE double peri__correspondence_point(const peri__bonds *b, const peri_
     peri__packed16(b->moment + 21 * PERI__LANES * (size_t)block, stress, l6);
     for (c = 0; c < 6; c++) {
         peri_real *out = t->coef + at + (size_t)c * (size_t)t->length;
-        PERI__EACH(l) stress[c][l] = own->scale[l] * (l6[c][l] - half * h[c][l]);
+        PERI__EACH(l) stress[c][l] = own->scale[l] * (l6[c][l] - half[l] * h[c][l]);
         PERI__EACH(l) out[l] = stress[c][l];
     }
-    PERI__EACH(l) t->coef[at + 6 * (size_t)t->length + (size_t)l] = own->scale[l] * half;
+    PERI__EACH(l) t->coef[at + 6 * (size_t)t->length + (size_t)l] = own->scale[l] * half[l];
     if (!energy) return 0;
     PERI__EACH(l) {
         double misfit = (double)squares[l];
         for (c = 0; c < 6; c++) misfit -= strain[c][l] * (double)right[c][l];
-        total += own->size[l] * (psi[l] + (double)half / 2 * misfit);
+        total += own->size[l] * (psi[l] + (double)half[l] / 2 * misfit);
     }
     return total;
 }
@@ -1933,6 +1937,11 @@ static void peri__matter_make(const peri_material *source, int sheet, peri__matt
         m->stiffness_h = 2 * shear * ((double)source->stabiliser > 1 ? (double)source->stabiliser : 1);
     }
     m->restore = (peri_real)(shear * (double)source->restore);
+    if (source->model == PERI_MODEL_CORRESPONDENCE && (double)source->stabiliser > 0) {
+        m->brace_shape = (peri_real)(3 * 2.25 / (double)source->stabiliser);
+        bulk = (double)source->lambda / (double)source->mu;
+        m->brace_volume = bulk > 0 ? (peri_real)(0.3 * 2.25 * bulk / (double)source->stabiliser) : 0;
+    }
 }
 
 /* Completes the gradient of a plane's map by what becomes of the plane's normal: the normal of the image, `stretch`
@@ -2002,13 +2011,46 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
     return bad;
 }
 
+#define PERI__BRACE_MOST 64
+
+/* The stabiliser is a spring in squares of stretches: where bonds are short it yields to neighbours that move against
+   each other, and pressure drives just that, so that pressed matter would buckle between its bonds. So pressed
+   particles have it B times as stiff for the step, with S = tr C^-1 - (tr C)/2 - 3/2 above 0 and D = det C below 1
+       B = 3/4 + 3 S^2 + 0.3 lambda/mu (1 - D)^2/D tr^2 C^-1,   at least 1, at most 64
+   at a stabiliser of 2.25 (t B is what counts). The energy of every wave on an affinely pressed lattice of 26 neighbours
+   is positive from a fifth of this on (one, two, three axes pressed to 0.4, nu 0 to 0.45; 122 neighbours need less); the
+   rest is for one-sided families and for what a single step adds: with half of it, a beam that hangs by its clamp
+   still folds there. C is that of Fbar, which sees through what has buckled already; B stays for a step, as its
+   derivative would press on matter that is merely bent. f: Fbar. */
+PERI__INLINE void peri__brace(const peri__matter *m, int n, peri__row *f, peri_real *brace) {
+    int l;
+    PERI__EACH_OF(l, n) {
+        const peri_real a = f[0][l], d = f[1][l], e = f[2][l], g = f[3][l], i = f[4][l], j = f[5][l];
+        const peri_real o = f[6][l], p = f[7][l], q = f[8][l];
+        const peri_real k0 = i * q - j * p, k1 = j * o - g * q, k2 = g * p - i * o, k3 = e * p - d * q;
+        const peri_real k4 = a * q - e * o, k5 = d * o - a * p, k6 = d * j - e * i, k7 = e * g - a * j;
+        const peri_real k8 = a * i - d * g, det = a * k0 + d * k1 + e * k2, square = det * det;
+        const peri_real volume = square > PERI__R(PERI__DET_MIN) ? square : PERI__R(PERI__DET_MIN);
+        const peri_real t = (k0 * k0 + k1 * k1 + k2 * k2 + k3 * k3 + k4 * k4 + k5 * k5 + k6 * k6 + k7 * k7 + k8 * k8) /
+                            volume;
+        const peri_real c = a * a + d * d + e * e + g * g + i * i + j * j + o * o + p * p + q * q;
+        const peri_real above = t - c / 2 - PERI__R(1.5), shape = above > 0 ? above : 0;
+        const peri_real lost = volume < 1 ? 1 - volume : 0;
+        const peri_real b = (PERI__R(0.25) + shape * shape) * m->brace_shape +
+                            m->brace_volume * lost * lost / volume * t * t;
+        brace[l] = b < 1 ? 1 : b < PERI__BRACE_MOST ? b : PERI__BRACE_MOST;
+    }
+}
+
 /* |C - 1|^2 of a block's particles as peri__unhealthy sums it, huge where det Fbar is not positive: below 1/4 a
-   particle is in shape, and nobody need look closer. strain: the correspondence model's C - 1 counts too. */
-PERI__SHARED void peri__lanes_away(const peri__bonds *b, const peri__lanes *t, int block, int strain,
-                                   peri_real *away) {
+   particle is in shape, and nobody need look closer. strain: the correspondence model's C - 1 counts too. brace: as of
+   peri__brace, or NULL. */
+PERI__SHARED void peri__lanes_away(const peri__bonds *b, const peri__lanes *t, const peri__matter *m, int block,
+                                   int strain, peri_real *away, peri_real *brace) {
     peri__row f[9], h[6];
     int l, c;
     peri__lanes_fit(b, t, block, f, strain ? h : NULL);
+    if (brace) peri__brace(m, PERI__LANES, f, brace);
     PERI__EACH(l) {
         const peri_real a = f[0][l], d = f[1][l], e = f[2][l], g = f[3][l], i = f[4][l], j = f[5][l];
         const peri_real o = f[6][l], p = f[7][l], q = f[8][l], det = a * (i * q - j * p) + d * (j * o - g * q) +

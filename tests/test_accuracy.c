@@ -159,8 +159,8 @@ static void large_cantilever(void) {
         printf("              distance of the tips over the deflection: %.4f\n", error);
         CHECK(error < 0.05);
         NEAR(u[2] / reference[k][1], 1, 0.05);
-        if (k == 1) NEAR(u[0] / reference[k][0], 1, 0.05);
-        /* x alone is not within 5 % at the first and the last load: the distance and z are, and the miss is said */
+        if (k > 0) NEAR(u[0] / reference[k][0], 1, 0.05);
+        /* x alone is not within 5 % at the first load, where it is small: the distance and z are, and the miss is said */
         else printf("              x by itself is MISSED: %.1f %% off\n", 100 * fabs(u[0] / reference[k][0] - 1));
     }
     bar_end(&b);
