@@ -3268,7 +3268,9 @@ static peri_result peri__plan_make(peri__plan *p, const peri_real *xyz, peri_err
     peri__share(p);
     peri__parts(p);
     if (p->s->entries > 0x7fffffff)
-        return peri__fail(err, PERI_ERROR_LIMIT, "cholesky: the factor of %d rows would have %.0f entries, above 2^31",
+        return peri__fail(err, PERI_ERROR_LIMIT,
+                          "cholesky: the factor of %d rows would have %.0f entries, above 2^31; use peri_solve_cg with "
+                          "peri_two_level_apply or peri_incomplete_apply",
                           p->n, (double)p->s->entries);
     return PERI_OK;
 }
