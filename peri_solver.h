@@ -2505,7 +2505,7 @@ struct peri_cholesky {
 typedef struct peri__bench {
     peri_real *tile;    /* 2 * PERI__TILE registers: products on their way to scattered rows */
     peri_real *right;   /* PERI__WIDTH * PERI__TILE: rows of the other factor, side by side */
-    int *place;         /* n: offset of a row in the panel */
+    int *place, *top;   /* offset of a row in the panel; of the top's rows, from the first on, one for each part */
     int failed;         /* column whose pivot was not positive, or -1 */
     double pivot;
 } peri__bench;
@@ -2515,18 +2515,26 @@ typedef struct peri__bench {
 
 static size_t peri__align(size_t bytes) { return (bytes + 63) / 64 * 64; }
 
+/* Of one part's bench; before all of them stands the place of each row, and without parts there is one. */
 static size_t peri__bench_bytes(const peri__symbolic *s) {
-    return peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES) + (size_t)s->n * sizeof(int);
+    size_t tall = s->begin[PERI__PARTS] > 0 ? (size_t)(s->n - s->part[PERI__PARTS]) : 0;
+    return peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES) + peri__align(tall * sizeof(int));
+}
+
+static size_t peri__scratch_bytes(const peri__symbolic *s) {
+    size_t benches = s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 1;
+    return peri__align((size_t)s->n * sizeof(int)) + peri__bench_bytes(s) * benches;
 }
 
 static peri__bench peri__bench_of(const peri_cholesky *f, int part) {
-    char *at = f->scratch + peri__align(peri__bench_bytes(f->s)) * (size_t)part;
+    char *at = f->scratch + peri__align((size_t)f->s->n * sizeof(int)) + peri__bench_bytes(f->s) * (size_t)part;
     peri__bench w;
     w.failed = -1;
     w.pivot = 0;
     w.tile = (peri_real *)(void *)at;
     w.right = (peri_real *)(void *)(at + peri__align(PERI__TILE_BYTES));
-    w.place = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
+    w.place = (int *)(void *)f->scratch;
+    w.top = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
     return w;
 }
 
@@ -3370,7 +3378,7 @@ static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory
     memset(f, 0, sizeof *f);
     f->memory = *memory;
     f->failed = -1;
-    scratch = peri__align(peri__bench_bytes(s)) * (s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 1) + (size_t)s->panels;
+    scratch = peri__scratch_bytes(s) + (size_t)s->panels;
     if (!peri__mul_size(s->values, sizeof *f->value, &values) || values > (size_t)-1 - scratch - 128 ||
         !(f->block = (char *)peri__resize(memory, NULL, 0, f->bytes = peri__align(values) + scratch + 64))) {
         peri__resize(memory, f, sizeof *f, 0);
@@ -3532,17 +3540,18 @@ static void peri__pack(const peri_real *value, const peri__panel *p, int depth, 
 /* Adds `count` columns of a block in the tile to the rows where they belong: rows k .. end - 1 of the block. A whole
    tile of neighbouring columns is what most products are. */
 static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows, int k, int end, int count,
-                          const int *PERI__RESTRICT place, peri_real *PERI__RESTRICT to, const int *column) {
+                          const int *PERI__RESTRICT place, int from, peri_real *PERI__RESTRICT to,
+                          const int *column) {
     int j;
     if (count == PERI__TILE && column[count - 1] - column[0] == count - 1) {
         for (; k < end; k++) {
-            peri_real *PERI__RESTRICT at = to + place[rows[k]];
+            peri_real *PERI__RESTRICT at = to + place[rows[k] - from];
             for (j = 0; j < PERI__TILE; j++) at[j * PERI__REGISTER] += tile[j * PERI__REGISTER + k];
         }
         return;
     }
     for (; k < end; k++) {
-        peri_real *at = to + place[rows[k]];
+        peri_real *at = to + place[rows[k] - from];
         for (j = 0; j < count; j++) at[(column[j] - column[0]) * PERI__REGISTER] += tile[j * PERI__REGISTER + k];
     }
 }
@@ -3561,6 +3570,14 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
     if (block < blocks) peri__tile1_add(depth, a, right, c);
 }
 
+/* The same for rows that may be of the top, from row `inner` of the block on. */
+static void peri__scatter_block(const peri_cholesky *f, const peri_real *tile, const int *rows, int k, int end,
+                                int inner, int count, const peri__bench *w, peri_real *to, const int *column) {
+    inner = inner < k ? k : inner > end ? end : inner;
+    if (k < inner) peri__scatter(tile, rows, k, inner, count, w->place, 0, to, column);
+    if (inner < end) peri__scatter(tile, rows, inner, end, count, w->top, f->s->part[PERI__PARTS], to, column);
+}
+
 static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p, const peri__panel *to, int row,
                                    int count, const peri__bench *w) {
     const peri__reg *a = (const peri__reg *)(const void *)(f->value + p->at);
@@ -3568,19 +3585,20 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
     peri_real *target = f->value + to->at + (rows[row] - to->first) * PERI__REGISTER;
     peri__reg *tile = (peri__reg *)(void *)w->tile;
     int block, blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k;
+    int inner = to->part == PERI__PARTS ? p->height : p->inner;
     for (block = row / PERI__REGISTER; block < blocks; block += 2) {
         int begin = block * PERI__REGISTER, half = begin + PERI__REGISTER, first = row > begin ? row - begin : 0;
         if (block + 1 < blocks) {
             peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right,
                             tile, tile + PERI__TILE);
             k = p->height - half < PERI__REGISTER ? p->height - half : PERI__REGISTER;
-            peri__scatter(w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, count, w->place, target,
-                          rows + row);
+            peri__scatter_block(f, w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, inner - half, count, w,
+                                target, rows + row);
         } else {
             peri__tile1_set(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
         }
         k = p->height - begin < PERI__REGISTER ? p->height - begin : PERI__REGISTER;
-        peri__scatter(w->tile, rows + begin, first, k, count, w->place, target, rows + row);
+        peri__scatter_block(f, w->tile, rows + begin, first, k, inner - begin, count, w, target, rows + row);
     }
 }
 
@@ -3606,19 +3624,22 @@ static void peri__update(const peri_cholesky *f, const peri__panel *to, const pe
 }
 
 /* The lower triangle of A's columns into a cleared panel, and the places of its rows. */
-static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const peri__panel *p, int *place) {
+static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const peri__panel *p, const peri__bench *w) {
     const peri__symbolic *s = f->s;
     const int *rows = s->rows + p->row;
     peri_real *value = f->value + p->at;
-    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k, c, e;
+    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k, c, e, *place = w->place;
+    int from = p->part == PERI__PARTS ? s->n : s->part[PERI__PARTS]; /* the first row whose place is in w->top */
     memset(value, 0, (size_t)blocks * (size_t)p->width * PERI__REGISTER * sizeof *value);
-    for (k = 0; k < p->height; k++) place[rows[k]] = (int)peri__entry(p, k, 0);
+    for (k = 0; k < p->inner; k++) place[rows[k]] = (int)peri__entry(p, k, 0);
+    for (; k < p->height; k++) w->top[rows[k] - from] = (int)peri__entry(p, k, 0);
     for (c = 0; c < p->width; c++) {
         int row = s->order[p->first + c];
         value[place[p->first + c] + c * PERI__REGISTER] = a->diagonal[row];
         for (e = a->row[row]; e < a->row[row + 1]; e++) {
             int i = s->place[a->col[e]];
-            if (i > p->first + c) value[place[i] + c * PERI__REGISTER] = a->value[e];
+            if (i >= from) value[w->top[i - from] + c * PERI__REGISTER] = a->value[e];
+            else if (i > p->first + c) value[place[i] + c * PERI__REGISTER] = a->value[e];
         }
     }
 }
@@ -3716,7 +3737,6 @@ typedef struct peri__factoring {
     const peri_matrix *a;
     const peri__panel *panel;       /* of the top */
     size_t pair, pair_end;
-    int *place;
     peri__bench bench[PERI__PARTS];
 } peri__factoring;
 
@@ -3728,7 +3748,6 @@ static void peri__chunk_task(int begin, int end, void *context) {
         peri__bench w = t->bench[begin];
         int first = t->panel->first + begin * PERI__CHUNK, last = t->panel->first + t->panel->width;
         size_t k;
-        w.place = t->place;
         if (last > first + PERI__CHUNK) last = first + PERI__CHUNK;
         for (k = t->pair; k < t->pair_end; k++) peri__update(t->f, t->panel, t->f->s->pair + k, first, last, &w);
     }
@@ -3740,12 +3759,11 @@ static int peri__panel_make(peri__factoring *t, int j, peri__bench *w) {
     const peri__symbolic *s = t->f->s;
     const peri__panel *p = s->panel + j;
     size_t k;
-    peri__assemble(t->f, t->a, p, w->place);
+    peri__assemble(t->f, t->a, p, w);
     if (p->part == PERI__PARTS && s->begin[PERI__PARTS] > 0) {
         t->panel = p;
         t->pair = s->pairs[j];
         t->pair_end = s->pairs[j + 1];
-        t->place = w->place;
         peri_parallel_for(&t->f->parallel, (p->width + PERI__CHUNK - 1) / PERI__CHUNK, 1, peri__chunk_task, t);
     } else {
         for (k = s->pairs[j]; k < s->pairs[j + 1]; k++)
