@@ -3051,19 +3051,21 @@ static void peri__count(const peri__plan *p, int *low, int *last, int *before, i
         if (p->parent[j] >= 0) count[p->parent[j]] += count[j];
 }
 
-/* Is a supernode of `width` columns worth it, with `zeros` of its `entries` explicit? Wider panels run faster; what is
-   narrow costs more than zeros do. */
-static int peri__worthwhile(int width, double zeros, double entries) {
-    double share = zeros / entries;
-    return zeros <= 0 || width <= 4 || (width <= 16 && share < 0.5) || (width <= 48 && share < 0.12) || share < 0.04;
+/* What a supernode costs a solve, in reals of L that go by: itself with its blocks filled up, to move its rows, and to
+   begin. The two weights are measured: halves or doubles of them change times by a few hundredths, and memory more. */
+static double peri__group_cost(int width, int height) {
+    int filled = (height + PERI__REGISTER - 1) / PERI__REGISTER * PERI__REGISTER;
+    return (double)filled * width + 3.0 * height + 80;
 }
 
-/* Supernode g joins the one after, its parent, where the zeros that it takes on are few (Ashcraft & Grimes 1989). */
+/* Supernode g joins the one after, its parent, where that costs less than the two, or no zeros (Ashcraft & Grimes
+   1989). */
 static void peri__group_relax(const peri__plan *p, peri__group *g) {
     int up = p->parent[g->first + g->width - 1], w = g->width + g[1].width, h = g->width + g[1].height;
     double zeros = g[1].zeros + (double)g->width * (h - g->height);
     if (up < 0 || up >= g[1].first + g[1].width) return;
-    if (!peri__worthwhile(w, zeros, (double)w * (w + 1) / 2 + (double)w * (h - w))) return;
+    if (zeros > 0 && peri__group_cost(w, h) >
+                         peri__group_cost(g->width, g->height) + peri__group_cost(g[1].width, g[1].height)) return;
     g->width = w;
     g->height = h;
     g->zeros = zeros;
