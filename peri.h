@@ -6616,7 +6616,9 @@ static peri_result peri__factor_own(peri_world *w, peri__body *b, const peri_mat
     f = (peri__factor *)peri__spare_resize(NULL, 0, sizeof *f, w);
     if (!f) return peri__fail(err, PERI_ERROR_MEMORY, "%zu bytes for a factor were refused", sizeof *f);
     memset(f, 0, sizeof *f);
-    if (b->solver == PERI_SOLVER_CHOLESKY) bad = peri_cholesky_create(a, b->points, &memory, &f->l, err);
+    if (b->solver == PERI_SOLVER_CHOLESKY) /* a copy that goes its own way keeps what was found out of the pattern */
+        bad = b->factor && b->factor->l ? peri_cholesky_create_like(b->factor->l, &memory, &f->l, err)
+                                        : peri_cholesky_create(a, b->points, &memory, &f->l, err);
     else bad = peri_two_level_create(a, b->points, 2 * (double)b->spacing, 3, &memory, &f->levels, err);
     if (bad) {
         peri__spare_resize(f, sizeof *f, 0, w);

@@ -2421,7 +2421,7 @@ typedef peri_real peri__reg;
 #define PERI__REGISTER 1
 #endif
 
-#if defined(__AVX512F__) || defined(__FMA__)
+#ifdef __AVX__
 #include <immintrin.h>
 #endif
 
@@ -2505,7 +2505,7 @@ struct peri_cholesky {
 typedef struct peri__bench {
     peri_real *tile;    /* 2 * PERI__TILE registers: products on their way to scattered rows */
     peri_real *right;   /* PERI__WIDTH * PERI__TILE: rows of the other factor, side by side */
-    int *place;         /* n: offset of a row in the panel */
+    int *place, *top;   /* offset of a row in the panel; of the top's rows, from the first on, one for each part */
     int failed;         /* column whose pivot was not positive, or -1 */
     double pivot;
 } peri__bench;
@@ -2515,18 +2515,26 @@ typedef struct peri__bench {
 
 static size_t peri__align(size_t bytes) { return (bytes + 63) / 64 * 64; }
 
+/* Of one part's bench; before all of them stands the place of each row, and without parts there is one. */
 static size_t peri__bench_bytes(const peri__symbolic *s) {
-    return peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES) + (size_t)s->n * sizeof(int);
+    size_t tall = s->begin[PERI__PARTS] > 0 ? (size_t)(s->n - s->part[PERI__PARTS]) : 0;
+    return peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES) + peri__align(tall * sizeof(int));
+}
+
+static size_t peri__scratch_bytes(const peri__symbolic *s) {
+    size_t benches = s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 1;
+    return peri__align((size_t)s->n * sizeof(int)) + peri__bench_bytes(s) * benches;
 }
 
 static peri__bench peri__bench_of(const peri_cholesky *f, int part) {
-    char *at = f->scratch + peri__align(peri__bench_bytes(f->s)) * (size_t)part;
+    char *at = f->scratch + peri__align((size_t)f->s->n * sizeof(int)) + peri__bench_bytes(f->s) * (size_t)part;
     peri__bench w;
     w.failed = -1;
     w.pivot = 0;
     w.tile = (peri_real *)(void *)at;
     w.right = (peri_real *)(void *)(at + peri__align(PERI__TILE_BYTES));
-    w.place = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
+    w.place = (int *)(void *)f->scratch;
+    w.top = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
     return w;
 }
 
@@ -3043,19 +3051,21 @@ static void peri__count(const peri__plan *p, int *low, int *last, int *before, i
         if (p->parent[j] >= 0) count[p->parent[j]] += count[j];
 }
 
-/* Is a supernode of `width` columns worth it, with `zeros` of its `entries` explicit? Wider panels run faster; what is
-   narrow costs more than zeros do. */
-static int peri__worthwhile(int width, double zeros, double entries) {
-    double share = zeros / entries;
-    return zeros <= 0 || width <= 4 || (width <= 16 && share < 0.5) || (width <= 48 && share < 0.12) || share < 0.04;
+/* What a supernode costs a solve, in reals of L that go by: itself with its blocks filled up, to move its rows, and to
+   begin. The two weights are measured: halves or doubles of them change times by a few hundredths, and memory more. */
+static double peri__group_cost(int width, int height) {
+    int filled = (height + PERI__REGISTER - 1) / PERI__REGISTER * PERI__REGISTER;
+    return (double)filled * width + 3.0 * height + 80;
 }
 
-/* Supernode g joins the one after, its parent, where the zeros that it takes on are few (Ashcraft & Grimes 1989). */
+/* Supernode g joins the one after, its parent, where that costs less than the two, or no zeros (Ashcraft & Grimes
+   1989). */
 static void peri__group_relax(const peri__plan *p, peri__group *g) {
     int up = p->parent[g->first + g->width - 1], w = g->width + g[1].width, h = g->width + g[1].height;
     double zeros = g[1].zeros + (double)g->width * (h - g->height);
     if (up < 0 || up >= g[1].first + g[1].width) return;
-    if (!peri__worthwhile(w, zeros, (double)w * (w + 1) / 2 + (double)w * (h - w))) return;
+    if (zeros > 0 && peri__group_cost(w, h) >
+                         peri__group_cost(g->width, g->height) + peri__group_cost(g[1].width, g[1].height)) return;
     g->width = w;
     g->height = h;
     g->zeros = zeros;
@@ -3268,7 +3278,9 @@ static peri_result peri__plan_make(peri__plan *p, const peri_real *xyz, peri_err
     peri__share(p);
     peri__parts(p);
     if (p->s->entries > 0x7fffffff)
-        return peri__fail(err, PERI_ERROR_LIMIT, "cholesky: the factor of %d rows would have %.0f entries, above 2^31",
+        return peri__fail(err, PERI_ERROR_LIMIT,
+                          "cholesky: the factor of %d rows would have %.0f entries, above 2^31; use peri_solve_cg with "
+                          "peri_two_level_apply or peri_incomplete_apply",
                           p->n, (double)p->s->entries);
     return PERI_OK;
 }
@@ -3283,11 +3295,13 @@ static peri_result peri__symbolic_make(peri__plan *p, peri_error *err) {
         rows += (size_t)p->groups[k].height;
         panels += (size_t)peri__panels_of(p->groups + k, &width);
     }
-    s->bytes_rows = panels * sizeof *s->panel + (panels + 1) * sizeof *s->pairs + rows * sizeof *s->rows;
+    s->bytes_rows = panels * sizeof *s->panel + (panels + 1) * sizeof *s->pairs +
+                    (rows + PERI__REGISTER) * sizeof *s->rows;
     s->panel = (peri__panel *)peri__symbolic_take(s, s->bytes_rows);
     if (!s->panel) return peri__factor_refused(err, p->n);
     s->pairs = (size_t *)(void *)(s->panel + panels);
     s->rows = (int *)(void *)(s->pairs + panels + 1);
+    memset(s->rows + rows, 0, PERI__REGISTER * sizeof *s->rows); /* a solve reads a list up to a whole block */
     peri__rows(p, p->list, p->u, p->v);
     peri__panels(p, p->list);
     for (k = 0; k < s->panels; k++) {
@@ -3366,7 +3380,7 @@ static peri_result peri__numbers(peri__symbolic *s, const peri_allocator *memory
     memset(f, 0, sizeof *f);
     f->memory = *memory;
     f->failed = -1;
-    scratch = peri__align(peri__bench_bytes(s)) * (s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 1) + (size_t)s->panels;
+    scratch = peri__scratch_bytes(s) + (size_t)s->panels;
     if (!peri__mul_size(s->values, sizeof *f->value, &values) || values > (size_t)-1 - scratch - 128 ||
         !(f->block = (char *)peri__resize(memory, NULL, 0, f->bytes = peri__align(values) + scratch + 64))) {
         peri__resize(memory, f, sizeof *f, 0);
@@ -3528,17 +3542,18 @@ static void peri__pack(const peri_real *value, const peri__panel *p, int depth, 
 /* Adds `count` columns of a block in the tile to the rows where they belong: rows k .. end - 1 of the block. A whole
    tile of neighbouring columns is what most products are. */
 static void peri__scatter(const peri_real *PERI__RESTRICT tile, const int *rows, int k, int end, int count,
-                          const int *PERI__RESTRICT place, peri_real *PERI__RESTRICT to, const int *column) {
+                          const int *PERI__RESTRICT place, int from, peri_real *PERI__RESTRICT to,
+                          const int *column) {
     int j;
     if (count == PERI__TILE && column[count - 1] - column[0] == count - 1) {
         for (; k < end; k++) {
-            peri_real *PERI__RESTRICT at = to + place[rows[k]];
+            peri_real *PERI__RESTRICT at = to + place[rows[k] - from];
             for (j = 0; j < PERI__TILE; j++) at[j * PERI__REGISTER] += tile[j * PERI__REGISTER + k];
         }
         return;
     }
     for (; k < end; k++) {
-        peri_real *at = to + place[rows[k]];
+        peri_real *at = to + place[rows[k] - from];
         for (j = 0; j < count; j++) at[(column[j] - column[0]) * PERI__REGISTER] += tile[j * PERI__REGISTER + k];
     }
 }
@@ -3557,6 +3572,14 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
     if (block < blocks) peri__tile1_add(depth, a, right, c);
 }
 
+/* The same for rows that may be of the top, from row `inner` of the block on. */
+static void peri__scatter_block(const peri_cholesky *f, const peri_real *tile, const int *rows, int k, int end,
+                                int inner, int count, const peri__bench *w, peri_real *to, const int *column) {
+    inner = inner < k ? k : inner > end ? end : inner;
+    if (k < inner) peri__scatter(tile, rows, k, inner, count, w->place, 0, to, column);
+    if (inner < end) peri__scatter(tile, rows, inner, end, count, w->top, f->s->part[PERI__PARTS], to, column);
+}
+
 static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p, const peri__panel *to, int row,
                                    int count, const peri__bench *w) {
     const peri__reg *a = (const peri__reg *)(const void *)(f->value + p->at);
@@ -3564,19 +3587,20 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
     peri_real *target = f->value + to->at + (rows[row] - to->first) * PERI__REGISTER;
     peri__reg *tile = (peri__reg *)(void *)w->tile;
     int block, blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k;
+    int inner = to->part == PERI__PARTS ? p->height : p->inner;
     for (block = row / PERI__REGISTER; block < blocks; block += 2) {
         int begin = block * PERI__REGISTER, half = begin + PERI__REGISTER, first = row > begin ? row - begin : 0;
         if (block + 1 < blocks) {
             peri__tile2_set(p->width, a + (ptrdiff_t)block * p->width, a + (ptrdiff_t)(block + 1) * p->width, w->right,
                             tile, tile + PERI__TILE);
             k = p->height - half < PERI__REGISTER ? p->height - half : PERI__REGISTER;
-            peri__scatter(w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, count, w->place, target,
-                          rows + row);
+            peri__scatter_block(f, w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, inner - half, count, w,
+                                target, rows + row);
         } else {
             peri__tile1_set(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
         }
         k = p->height - begin < PERI__REGISTER ? p->height - begin : PERI__REGISTER;
-        peri__scatter(w->tile, rows + begin, first, k, count, w->place, target, rows + row);
+        peri__scatter_block(f, w->tile, rows + begin, first, k, inner - begin, count, w, target, rows + row);
     }
 }
 
@@ -3602,19 +3626,22 @@ static void peri__update(const peri_cholesky *f, const peri__panel *to, const pe
 }
 
 /* The lower triangle of A's columns into a cleared panel, and the places of its rows. */
-static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const peri__panel *p, int *place) {
+static void peri__assemble(const peri_cholesky *f, const peri_matrix *a, const peri__panel *p, const peri__bench *w) {
     const peri__symbolic *s = f->s;
     const int *rows = s->rows + p->row;
     peri_real *value = f->value + p->at;
-    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k, c, e;
+    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, k, c, e, *place = w->place;
+    int from = p->part == PERI__PARTS ? s->n : s->part[PERI__PARTS]; /* the first row whose place is in w->top */
     memset(value, 0, (size_t)blocks * (size_t)p->width * PERI__REGISTER * sizeof *value);
-    for (k = 0; k < p->height; k++) place[rows[k]] = (int)peri__entry(p, k, 0);
+    for (k = 0; k < p->inner; k++) place[rows[k]] = (int)peri__entry(p, k, 0);
+    for (; k < p->height; k++) w->top[rows[k] - from] = (int)peri__entry(p, k, 0);
     for (c = 0; c < p->width; c++) {
         int row = s->order[p->first + c];
         value[place[p->first + c] + c * PERI__REGISTER] = a->diagonal[row];
         for (e = a->row[row]; e < a->row[row + 1]; e++) {
             int i = s->place[a->col[e]];
-            if (i > p->first + c) value[place[i] + c * PERI__REGISTER] = a->value[e];
+            if (i >= from) value[w->top[i - from] + c * PERI__REGISTER] = a->value[e];
+            else if (i > p->first + c) value[place[i] + c * PERI__REGISTER] = a->value[e];
         }
     }
 }
@@ -3712,7 +3739,6 @@ typedef struct peri__factoring {
     const peri_matrix *a;
     const peri__panel *panel;       /* of the top */
     size_t pair, pair_end;
-    int *place;
     peri__bench bench[PERI__PARTS];
 } peri__factoring;
 
@@ -3724,7 +3750,6 @@ static void peri__chunk_task(int begin, int end, void *context) {
         peri__bench w = t->bench[begin];
         int first = t->panel->first + begin * PERI__CHUNK, last = t->panel->first + t->panel->width;
         size_t k;
-        w.place = t->place;
         if (last > first + PERI__CHUNK) last = first + PERI__CHUNK;
         for (k = t->pair; k < t->pair_end; k++) peri__update(t->f, t->panel, t->f->s->pair + k, first, last, &w);
     }
@@ -3736,12 +3761,11 @@ static int peri__panel_make(peri__factoring *t, int j, peri__bench *w) {
     const peri__symbolic *s = t->f->s;
     const peri__panel *p = s->panel + j;
     size_t k;
-    peri__assemble(t->f, t->a, p, w->place);
+    peri__assemble(t->f, t->a, p, w);
     if (p->part == PERI__PARTS && s->begin[PERI__PARTS] > 0) {
         t->panel = p;
         t->pair = s->pairs[j];
         t->pair_end = s->pairs[j + 1];
-        t->place = w->place;
         peri_parallel_for(&t->f->parallel, (p->width + PERI__CHUNK - 1) / PERI__CHUNK, 1, peri__chunk_task, t);
     } else {
         for (k = s->pairs[j]; k < s->pairs[j + 1]; k++)
@@ -3840,61 +3864,20 @@ peri_result peri_cholesky_update(peri_cholesky *f, const peri_matrix *a, int cou
     return peri__make(f, a, err);
 }
 
-/* -- solves: x stands in columns, one right-hand side after another, so that registers hold neighbours -- */
+/* -- solves: L's blocks stream by once down and once up; of x, rows that a panel has are gathered and scattered -- */
 
 #define PERI__SIDES 3   /* right-hand sides that go through L together */
 
-#define PERI__THREE(op) op(0) op(1) op(2)
-#define PERI__ONE(op) op(0)
-#define PERI__SUM_BEGIN(q) peri__reg s##q = peri__splat(0), t##q = s##q;
-#define PERI__SUM_STEP(q) \
-    s##q = peri__less(s##q, u, peri__splat(y[q * PERI__WIDTH + c])); \
-    t##q = peri__less(t##q, v, peri__splat(y[q * PERI__WIDTH + c]));
-#define PERI__SUM_END(q) out[q] = s##q; out[PERI__SIDES + q] = t##q;
-#define PERI__DOT_BEGIN(q) const peri__reg s##q = x[q], t##q = x[PERI__SIDES + q];
-#define PERI__DOT_STEP(q) sum[PERI__SIDES * c + q] = peri__less(peri__less(sum[PERI__SIDES * c + q], u, s##q), v, t##q);
-
-/* out = -L y for two blocks of rows a and b, and sum -= L^T x for them; x and out: the sides of a, then of b. */
-#define PERI__BLOCKS_DEFINE(name, sides) \
-    static void peri__product##name(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b, \
-                                    const peri_real *PERI__RESTRICT y, peri__reg *PERI__RESTRICT out) { \
-        int c; \
-        sides(PERI__SUM_BEGIN) \
-        for (c = 0; c < width; c++) { \
-            peri__reg u = a[c], v = b[c]; \
-            PERI__PREFETCH(a + c + 2 * width) \
-            PERI__PREFETCH(b + c + 2 * width) \
-            sides(PERI__SUM_STEP) \
-        } \
-        sides(PERI__SUM_END) \
-    } \
-    static void peri__dots##name(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b, \
-                                 const peri__reg *PERI__RESTRICT x, peri__reg *PERI__RESTRICT sum) { \
-        int c; \
-        sides(PERI__DOT_BEGIN) \
-        for (c = 0; c < width; c++) { \
-            peri__reg u = a[c], v = b[c]; \
-            PERI__PREFETCH(a + c + 2 * width) \
-            PERI__PREFETCH(b + c + 2 * width) \
-            sides(PERI__DOT_STEP) \
-        } \
-    }
-
-PERI__BLOCKS_DEFINE(1, PERI__ONE)
-PERI__BLOCKS_DEFINE(3, PERI__THREE)
-
-typedef void peri__product(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b,
-                           const peri_real *PERI__RESTRICT y, peri__reg *PERI__RESTRICT out);
-typedef void peri__dots(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b,
-                        const peri__reg *PERI__RESTRICT x, peri__reg *PERI__RESTRICT sum);
-
-/* Right-hand sides on their way through L: side q of row i is x[q * n + i]. */
+/* Right-hand sides on their way through L, one (row i is x[i]) or three (row i is the quad x[4 i], whose last number
+   stays 0: so a row is moved at once). Of `lines` tasks, which go down the parts by turns, each but the first has sums
+   of its own for the rows of the top. */
 typedef struct peri__sides {
     const peri_cholesky *f;
-    peri_real *x, *top;     /* top: what a part gives to the rows of the top, from part[PERI__PARTS] on */
-    int n, sides, tall;     /* tall: rows of the top */
-    peri__product *product;
-    peri__dots *dots;
+    peri_real *x, *top;     /* top: the second line's sums */
+    int n, tall, row;       /* tall: rows of the top; row: numbers that a row has */
+    int lines;
+    void (*down)(const struct peri__sides *t, const peri__panel *p, peri_real *top);
+    void (*up)(const struct peri__sides *t, const peri__panel *p);
 } peri__sides;
 
 /* The lanes of a block that hold rows below the panel's own: first .. end - 1. */
@@ -3906,112 +3889,113 @@ PERI__INLINE int peri__lanes_end(const peri__panel *p, int block) {
     return p->height - block * PERI__REGISTER < PERI__REGISTER ? p->height - block * PERI__REGISTER : PERI__REGISTER;
 }
 
-static void peri__lanes_add(const int *PERI__RESTRICT rows, int first, int end, const peri_real *PERI__RESTRICT v,
-                            int sides, peri_real *PERI__RESTRICT x, ptrdiff_t n) {
-    int k;
-    if (sides < PERI__SIDES)
-        for (k = first; k < end; k++) x[rows[k]] += v[k];
-    else
-        for (k = first; k < end; k++) {
-            peri_real *at = x + rows[k];
-            at[0] += v[k];
-            at[n] += v[PERI__REGISTER + k];
-            at[2 * n] += v[2 * PERI__REGISTER + k];
-        }
+PERI__INLINE int peri__blocks(int rows) { return (rows + PERI__REGISTER - 1) / PERI__REGISTER; }
+
+/* How far row i < PERI__TILE of a tile is from its first: a tile fits into a block, or has several. */
+#define PERI__BELOW(i, width) \
+    (PERI__REGISTER >= PERI__TILE ? (i) : (i) / PERI__REGISTER * (width) * PERI__REGISTER + (i) % PERI__REGISTER)
+
+/* One right-hand side: a register holds it in as many rows. */
+
+/* out = -L y for two blocks of rows a and b. */
+static void peri__product1(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b,
+                           const peri_real *PERI__RESTRICT y, peri__reg *PERI__RESTRICT out) {
+    peri__reg s = peri__splat(0), t = s;
+    int c;
+    for (c = 0; c < width; c++) {
+        PERI__PREFETCH(a + c + 2 * width)
+        PERI__PREFETCH(b + c + 2 * width)
+        s = peri__less(s, a[c], peri__splat(y[c]));
+        t = peri__less(t, b[c], peri__splat(y[c]));
+    }
+    out[0] = s;
+    out[1] = t;
 }
 
-/* x[rows] += v in the lanes that hold rows below; those of the top have sums of their own for each part. */
-static void peri__block_add(const peri__sides *t, const peri__panel *p, int block, const peri__reg *v) {
-    const int *rows = t->f->s->rows + p->row + block * PERI__REGISTER;
-    const peri_real *from = (const peri_real *)(const void *)v;
-    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), q;
-    int inner = p->inner - block * PERI__REGISTER < end ? p->inner - block * PERI__REGISTER : end;
-    peri_real *x = t->x;
-    ptrdiff_t n = t->n;
-    if (inner < first) inner = first;
-    if (inner < end) {
-        if (first < inner) peri__lanes_add(rows, first, inner, from, t->sides, x, n);
-        first = inner;
-        n = t->tall;
-        x = t->top + ((ptrdiff_t)p->part * t->sides * n - t->f->s->part[PERI__PARTS]);
+/* sum -= L^T x for the same. */
+static void peri__dots1(int width, const peri__reg *PERI__RESTRICT a, const peri__reg *PERI__RESTRICT b,
+                        const peri__reg *PERI__RESTRICT x, peri__reg *PERI__RESTRICT sum) {
+    const peri__reg s = x[0], t = x[1];
+    int c;
+    for (c = 0; c < width; c++) {
+        PERI__PREFETCH(a + c + 2 * width)
+        PERI__PREFETCH(b + c + 2 * width)
+        sum[c] = peri__less(peri__less(sum[c], a[c], s), b[c], t);
     }
-    if (first > 0 || end < PERI__REGISTER || rows[end - 1] - rows[0] > end - 1) {
-        peri__lanes_add(rows, first, end, from, t->sides, x, n);
+}
+
+/* x[rows] += v in the lanes that hold rows below. */
+static void peri__block_add1(const int *PERI__RESTRICT rows, int first, int end, const peri__reg *v,
+                             peri_real *PERI__RESTRICT x) {
+    const peri_real *PERI__RESTRICT from = (const peri_real *)(const void *)v;
+    int k;
+    if (first == 0 && end == PERI__REGISTER && rows[end - 1] - rows[0] == end - 1) { /* neighbours */
+        for (k = 0; k < PERI__REGISTER; k++) x[rows[0] + k] += from[k];
         return;
     }
-    for (q = 0; q < t->sides; q++) { /* neighbours */
-        peri_real *at = x + q * n + rows[0];
-        peri__reg sum;
-        memcpy(&sum, at, sizeof sum);
-        sum += v[q];
-        memcpy(at, &sum, sizeof sum);
-    }
+    for (k = first; k < end; k++) x[rows[k]] += from[k];
 }
 
 /* v = x[rows], 0 in the lanes that do not hold rows below. */
-static void peri__block_get(const peri__sides *t, const peri__panel *p, int block, peri__reg *v) {
+static void peri__block_get1(const peri__sides *t, const peri__panel *p, int block, peri__reg *v) {
     const int *PERI__RESTRICT rows = t->f->s->rows + p->row + block * PERI__REGISTER;
-    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k, q;
-    for (q = 0; q < t->sides; q++) {
-        const peri_real *PERI__RESTRICT x = t->x + (ptrdiff_t)q * t->n;
-        peri_real *PERI__RESTRICT to = (peri_real *)(void *)(v + q);
-        if (first == 0 && end == PERI__REGISTER) {
-            if (rows[end - 1] - rows[0] == end - 1) memcpy(to, x + rows[0], sizeof *v);
-            else for (k = 0; k < PERI__REGISTER; k++) to[k] = x[rows[k]];
-            continue;
-        }
-        v[q] = peri__splat(0);
-        for (k = first; k < end; k++) to[k] = x[rows[k]];
+    int first = peri__lanes_first(p, block), end = peri__lanes_end(p, block), k;
+    peri_real *PERI__RESTRICT to = (peri_real *)(void *)v;
+    if (first == 0 && end == PERI__REGISTER) {
+        if (rows[end - 1] - rows[0] == end - 1) memcpy(to, t->x + rows[0], sizeof *v);
+        else for (k = 0; k < PERI__REGISTER; k++) to[k] = t->x[rows[k]];
+        return;
     }
+    *v = peri__splat(0);
+    for (k = first; k < end; k++) to[k] = t->x[rows[k]];
 }
 
 /* y = L^-1 y for the panel's own columns, a tile at a time. */
-static void peri__down(const peri__sides *t, const peri__reg *value, int width, peri_real *y) {
-    peri__reg out[2 * PERI__SIDES];
-    peri_real z[PERI__SIDES * PERI__TILE];
+static void peri__own_down1(const peri__reg *value, int width, peri_real *y) {
+    peri__reg out[2];
+    peri_real z[PERI__TILE];
     const peri_real *lane = (const peri_real *)(const void *)out;
-    int blocks = (width + PERI__REGISTER - 1) / PERI__REGISTER, c, b, q, k, n;
+    int blocks = peri__blocks(width), c, b, k, n;
     for (c = 0; c < width; c += PERI__TILE) {
         n = width - c < PERI__TILE ? width - c : PERI__TILE;
         for (b = c / PERI__REGISTER; b * PERI__REGISTER < c + n; b++) { /* the inverse of its block */
             const peri__reg *v = value + (ptrdiff_t)b * width + c;
             int begin = b * PERI__REGISTER < c ? c - b * PERI__REGISTER : 0;
             int end = (b + 1) * PERI__REGISTER > c + n ? c + n - b * PERI__REGISTER : PERI__REGISTER;
-            t->product(n, v, v, y + c, out);
-            for (q = 0; q < t->sides; q++)
-                for (k = begin; k < end; k++)
-                    z[q * PERI__TILE + b * PERI__REGISTER + k - c] = -lane[q * PERI__REGISTER + k];
+            peri__product1(n, v, v, y + c, out);
+            for (k = begin; k < end; k++) z[b * PERI__REGISTER + k - c] = -lane[k];
         }
-        for (q = 0; q < t->sides; q++)
-            for (k = 0; k < n; k++) y[q * PERI__WIDTH + c + k] = z[q * PERI__TILE + k];
+        for (k = 0; k < n; k++) y[c + k] = z[k];
         for (b = (c + n) / PERI__REGISTER; b < blocks; b++) { /* what it gives to the columns after it */
             const peri__reg *v = value + (ptrdiff_t)b * width + c;
-            t->product(n, v, v, y + c, out);
-            for (q = 0; q < t->sides; q++)
-                for (k = b * PERI__REGISTER < c + n ? c + n - b * PERI__REGISTER : 0; k < PERI__REGISTER; k++)
-                    y[q * PERI__WIDTH + b * PERI__REGISTER + k] += lane[q * PERI__REGISTER + k];
+            peri__product1(n, v, v, y + c, out);
+            for (k = b * PERI__REGISTER < c + n ? c + n - b * PERI__REGISTER : 0; k < PERI__REGISTER; k++)
+                y[b * PERI__REGISTER + k] += lane[k];
         }
     }
 }
 
 /* x = L^-1 x: a panel's own columns, then the rows below, two blocks at a time. */
-static void peri__forward(const peri__sides *t, const peri__panel *p) {
+static void peri__down1(const peri__sides *t, const peri__panel *p, peri_real *top) {
     const peri__reg *value = (const peri__reg *)(const void *)(t->f->value + p->at);
-    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, b, q, k;
-    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__REGISTER], out[2 * PERI__SIDES];
+    int blocks = peri__blocks(p->height), b, k;
+    peri__reg own[PERI__WIDTH / PERI__REGISTER], out[2];
     peri_real *y = (peri_real *)(void *)own;
-    for (q = 0; q < t->sides; q++) {
-        memcpy(y + q * PERI__WIDTH, t->x + (ptrdiff_t)q * t->n + p->first, (size_t)p->width * sizeof *y);
-        for (k = p->width; k % PERI__REGISTER; k++) y[q * PERI__WIDTH + k] = 0;
-    }
-    peri__down(t, value, p->width, y);
-    for (q = 0; q < t->sides; q++)
-        memcpy(t->x + (ptrdiff_t)q * t->n + p->first, y + q * PERI__WIDTH, (size_t)p->width * sizeof *y);
+    memcpy(y, t->x + p->first, (size_t)p->width * sizeof *y);
+    for (k = p->width; k % PERI__REGISTER; k++) y[k] = 0;
+    peri__own_down1(value, p->width, y);
+    memcpy(t->x + p->first, y, (size_t)p->width * sizeof *y);
     for (b = p->width / PERI__REGISTER; b < blocks; b += 2) {
         const peri__reg *one = value + (ptrdiff_t)b * p->width;
-        t->product(p->width, one, b + 1 < blocks ? one + p->width : one, y, out);
-        peri__block_add(t, p, b, out);
-        if (b + 1 < blocks) peri__block_add(t, p, b + 1, out + PERI__SIDES);
+        peri__product1(p->width, one, b + 1 < blocks ? one + p->width : one, y, out);
+        for (k = 0; k < 2 && b + k < blocks; k++) {
+            const int *rows = t->f->s->rows + p->row + (b + k) * PERI__REGISTER;
+            int first = peri__lanes_first(p, b + k), end = peri__lanes_end(p, b + k);
+            int inner = p->inner - (b + k) * PERI__REGISTER;
+            inner = inner < first ? first : inner > end ? end : inner;
+            if (first < inner) peri__block_add1(rows, first, inner, out + k, t->x);
+            if (inner < end) peri__block_add1(rows, inner, end, out + k, top);
+        }
     }
 }
 
@@ -4033,116 +4017,374 @@ PERI__INLINE peri_real peri__lanes_sum(const peri__reg *v) {
 #endif
 }
 
-/* done = L^-T (x + sum) for a tile of n columns: times the transposed inverse of its block. */
-static void peri__tile_up(const peri__sides *t, const peri__panel *p, int c, int n, const peri__reg *sum,
-                          peri_real *done) {
+/* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other by tiles, the last
+   first. */
+static void peri__up1(const peri__sides *t, const peri__panel *p) {
     const peri_real *value = t->f->value + p->at;
-    peri_real x[PERI__SIDES][PERI__TILE];
-    int q, k, i;
-    for (q = 0; q < t->sides; q++)
-        for (k = 0; k < n; k++)
-            x[q][k] = t->x[(ptrdiff_t)q * t->n + p->first + c + k] + peri__lanes_sum(sum + PERI__SIDES * k + q);
-    for (k = 0; k < n; k++) {
-        const peri_real *column = value + peri__entry(p, c, c + k); /* a tile fits into a block, or has several */
-        for (q = 0; q < t->sides; q++) {
-            peri_real s = 0;
-            if (PERI__REGISTER >= PERI__TILE) for (i = k; i < n; i++) s += column[i] * x[q][i];
-            else for (i = k; i < n; i++) s += value[peri__entry(p, c + i, c + k)] * x[q][i];
-            done[q * PERI__WIDTH + c + k] = s;
-        }
+    const peri__reg *blocks_of = (const peri__reg *)(const void *)value;
+    peri__reg sum[PERI__WIDTH], own[PERI__WIDTH / PERI__REGISTER], in[2];
+    peri_real *done = (peri_real *)(void *)own, x[PERI__TILE]; /* done: 0 where not yet */
+    int blocks = peri__blocks(p->height), inside = peri__blocks(p->width), b, c, n, i, k;
+    memset(sum, 0, (size_t)p->width * sizeof *sum);
+    memset(own, 0, (size_t)inside * sizeof *own);
+    for (b = p->width / PERI__REGISTER; b < blocks; b += 2) {
+        const peri__reg *one = blocks_of + (ptrdiff_t)b * p->width;
+        peri__block_get1(t, p, b, in);
+        if (b + 1 < blocks) peri__block_get1(t, p, b + 1, in + 1); else in[1] = peri__splat(0);
+        peri__dots1(p->width, one, b + 1 < blocks ? one + p->width : one, in, sum);
     }
-}
-
-/* x = L^-T x of a panel's own columns, from the last tile to the first; sum: what the rows below give. */
-static void peri__up(const peri__sides *t, const peri__panel *p, peri__reg *sum) {
-    const peri_real *value = t->f->value + p->at;
-    peri__reg own[PERI__SIDES * PERI__WIDTH / PERI__REGISTER], in[2 * PERI__SIDES];
-    peri_real *done = (peri_real *)(void *)own; /* 0 where not yet */
-    int blocks = (p->width + PERI__REGISTER - 1) / PERI__REGISTER, c, b, q, n;
-    for (q = 0; q < t->sides; q++) memset(done + q * PERI__WIDTH, 0, (size_t)blocks * sizeof *own);
     for (c = (p->width - 1) / PERI__TILE * PERI__TILE; c >= 0; c -= PERI__TILE) {
         n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
-        for (b = (c + n) / PERI__REGISTER; b < blocks; b += 2) {
-            const peri__reg *one = (const peri__reg *)(const void *)value + (ptrdiff_t)b * p->width + c;
-            for (q = 0; q < t->sides; q++) {
-                in[q] = own[q * PERI__WIDTH / PERI__REGISTER + b];
-                in[PERI__SIDES + q] = b + 1 < blocks ? own[q * PERI__WIDTH / PERI__REGISTER + b + 1] : peri__splat(0);
-            }
-            t->dots(n, one, b + 1 < blocks ? one + p->width : one, in, sum + PERI__SIDES * c);
+        for (b = (c + n) / PERI__REGISTER; b < inside; b += 2) {
+            const peri__reg *one = blocks_of + (ptrdiff_t)b * p->width + c;
+            in[0] = own[b];
+            in[1] = b + 1 < inside ? own[b + 1] : peri__splat(0);
+            peri__dots1(n, one, b + 1 < inside ? one + p->width : one, in, sum + c);
         }
-        peri__tile_up(t, p, c, n, sum + PERI__SIDES * c, done);
+        for (k = 0; k < n; k++) x[k] = t->x[p->first + c + k] + peri__lanes_sum(sum + c + k);
+        for (k = 0; k < n; k++)
+            for (i = k; i < n; i++) done[c + k] += value[peri__entry(p, c, c + k) + PERI__BELOW(i, p->width)] * x[i];
     }
-    for (q = 0; q < t->sides; q++)
-        memcpy(t->x + (ptrdiff_t)q * t->n + p->first, done + q * PERI__WIDTH, (size_t)p->width * sizeof *done);
+    memcpy(t->x + p->first, done, (size_t)p->width * sizeof *done);
 }
 
-/* x = L^-T x: the rows below give to the panel's own columns, which then follow from each other. */
-static void peri__backward(const peri__sides *t, const peri__panel *p) {
-    const peri__reg *value = (const peri__reg *)(const void *)(t->f->value + p->at);
-    int blocks = (p->height + PERI__REGISTER - 1) / PERI__REGISTER, b, q;
-    peri__reg sum[PERI__SIDES * PERI__WIDTH], in[2 * PERI__SIDES];
-    memset(sum, 0, PERI__SIDES * (size_t)p->width * sizeof *sum);
+/* Three right-hand sides: a register has PERI__GROUP quads, or a quad has PERI__SHARDS registers, so that products need
+   no sums over lanes. The quads of a block's rows are four registers. */
+#if defined(PERI__VECTOR) && defined(__AVX512F__) && !defined(PERI_DOUBLE)
+#define PERI__GROUP 4
+#elif defined(PERI__VECTOR) && (defined(__AVX512F__) || (defined(__AVX__) && !defined(PERI_DOUBLE)))
+#define PERI__GROUP 2
+#else
+#define PERI__GROUP 1
+#endif
+#define PERI__SHARDS (PERI__GROUP > 1 || PERI__REGISTER >= 4 ? 1 : 4 / PERI__REGISTER)
+#define PERI__BLOCK (4 * PERI__REGISTER) /* numbers in the quads of a block's rows */
+
+#ifdef PERI__VECTOR
+#define PERI__SHARD_BYTES (PERI__VECTOR < 4 * sizeof(peri_real) ? PERI__VECTOR : 4 * sizeof(peri_real))
+typedef peri_real peri__shard __attribute__((vector_size(PERI__SHARD_BYTES), aligned(sizeof(peri_real)), may_alias));
+#else
+typedef peri_real peri__shard;
+#endif
+
+/* SPREAD: row of a block's column that the register r of its quads is about, four times each. EVERY: shard h of a quad,
+   for each row. GATHER: register r of the quads at x[0], x[1] .. (maskz, all lanes: in the forms without, g++ finds
+   something uninitialised.) */
+#if PERI__GROUP == 4
+#define PERI__SPREAD_BY const __m512i by = _mm512_set_epi32(3, 3, 3, 3, 2, 2, 2, 2, 1, 1, 1, 1, 0, 0, 0, 0);
+#define PERI__SPREAD(l, r) \
+    (peri__reg)_mm512_maskz_permutevar_ps(65535, _mm512_maskz_broadcast_f32x4(65535, _mm_loadu_ps((l) + 4 * (r))), by)
+#define PERI__EVERY(y, h) (peri__reg)_mm512_maskz_broadcast_f32x4(65535, _mm_loadu_ps(y))
+#define PERI__GATHER(x, r) \
+    (peri__reg)_mm512_insertf32x4(_mm512_insertf32x4(_mm512_insertf32x4(_mm512_castps128_ps512(_mm_loadu_ps((x)[0])), \
+    _mm_loadu_ps((x)[1]), 1), _mm_loadu_ps((x)[2]), 2), _mm_loadu_ps((x)[3]), 3)
+#elif PERI__GROUP == 2 && defined(PERI_DOUBLE)
+#define PERI__SPREAD_BY const __m512i by = _mm512_set_epi64(1, 1, 1, 1, 0, 0, 0, 0);
+#define PERI__SPREAD(l, r) \
+    (peri__reg)_mm512_maskz_permutexvar_pd(255, _mm512_add_epi64(by, _mm512_set1_epi64(2 * (r))), _mm512_loadu_pd(l))
+#define PERI__EVERY(y, h) (peri__reg)_mm512_maskz_broadcast_f64x4(255, _mm256_loadu_pd(y))
+#define PERI__GATHER(x, r) \
+    (peri__reg)_mm512_maskz_insertf64x4(255, _mm512_castpd256_pd512(_mm256_loadu_pd((x)[0])), \
+    _mm256_loadu_pd((x)[1]), 1)
+#elif PERI__GROUP == 2
+#define PERI__SPREAD_BY \
+    const __m256i by[2] = {_mm256_set_epi32(1, 1, 1, 1, 0, 0, 0, 0), _mm256_set_epi32(3, 3, 3, 3, 2, 2, 2, 2)};
+#define PERI__SPREAD(l, r) \
+    (peri__reg)_mm256_permutevar_ps(_mm256_broadcast_ps((const __m128 *)(const void *)((l) + (r) / 2 * 4)), by[(r) % 2])
+#define PERI__EVERY(y, h) (peri__reg)_mm256_broadcast_ps((const __m128 *)(const void *)(y))
+#define PERI__GATHER(x, r) \
+    (peri__reg)_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps((x)[0])), _mm_loadu_ps((x)[1]), 1)
+#else
+#define PERI__SPREAD_BY
+#define PERI__SPREAD(l, r) peri__splat((l)[(r) / PERI__SHARDS])
+#define PERI__EVERY(y, h) (peri__reg)*(const peri__shard *)(const void *)((y) + (h) * PERI__REGISTER)
+#define PERI__GATHER(x, r) PERI__EVERY((x)[0], (r) % PERI__SHARDS)
+#endif
+
+#define PERI__ONE(x)
+#define PERI__TWO(x) x
+#define PERI__FOUR(op) op(0) op(1) op(2) op(3)
+#define PERI__SUM_BEGIN(r) peri__reg s##r = peri__splat(0);
+#define PERI__SUM_BEGIN2(r) peri__reg t##r = peri__splat(0);
+#define PERI__SUM_STEP(r) s##r = peri__less(s##r, PERI__SPREAD(a, r), PERI__EVERY(y, r % PERI__SHARDS));
+#define PERI__SUM_STEP2(r) t##r = peri__less(t##r, PERI__SPREAD(b, r), PERI__EVERY(y, r % PERI__SHARDS));
+#define PERI__SUM_END(r) out[r] = s##r;
+#define PERI__SUM_END2(r) out[4 + r] = t##r;
+#define PERI__DOT_BEGIN(r) const peri__reg x##r = x[r];
+#define PERI__DOT_BEGIN2(r) const peri__reg z##r = x[4 + r];
+#define PERI__DOT_STEP(r) s[r % PERI__SHARDS] = peri__less(s[r % PERI__SHARDS], PERI__SPREAD(a, r), x##r);
+#define PERI__DOT_STEP2(r) t[r % PERI__SHARDS] = peri__less(t[r % PERI__SHARDS], PERI__SPREAD(b, r), z##r);
+
+/* out = -L y for a block of rows a, or two, a and b, and sum -= L^T x for them. */
+#define PERI__QUADS_DEFINE(name, also) \
+    static void peri__product##name(int width, const peri_real *PERI__RESTRICT a, const peri_real *PERI__RESTRICT b, \
+                                    const peri_real *PERI__RESTRICT y, peri__reg *PERI__RESTRICT out) { \
+        const ptrdiff_t ahead = 2 * (ptrdiff_t)width * PERI__REGISTER; \
+        int c; \
+        PERI__SPREAD_BY \
+        PERI__FOUR(PERI__SUM_BEGIN) \
+        also(PERI__FOUR(PERI__SUM_BEGIN2)) \
+        (void)b; \
+        (void)ahead; \
+        for (c = 0; c < width; c++) { \
+            PERI__PREFETCH(a + ahead) \
+            also(PERI__PREFETCH(b + ahead)) \
+            PERI__FOUR(PERI__SUM_STEP) \
+            also(PERI__FOUR(PERI__SUM_STEP2)) \
+            a += PERI__REGISTER; \
+            also(b += PERI__REGISTER;) \
+            y += 4; \
+        } \
+        PERI__FOUR(PERI__SUM_END) \
+        also(PERI__FOUR(PERI__SUM_END2)) \
+    } \
+    static void peri__dots##name(int width, const peri_real *PERI__RESTRICT a, const peri_real *PERI__RESTRICT b, \
+                                 const peri__reg *PERI__RESTRICT x, peri__reg *PERI__RESTRICT sum) { \
+        const ptrdiff_t ahead = 2 * (ptrdiff_t)width * PERI__REGISTER; \
+        int c, h; \
+        PERI__SPREAD_BY \
+        PERI__FOUR(PERI__DOT_BEGIN) \
+        also(PERI__FOUR(PERI__DOT_BEGIN2)) \
+        (void)b; \
+        (void)ahead; \
+        for (c = 0; c < width; c++) { \
+            peri__reg s[PERI__SHARDS]; \
+            also(peri__reg t[PERI__SHARDS];) \
+            PERI__PREFETCH(a + ahead) \
+            also(PERI__PREFETCH(b + ahead)) \
+            for (h = 0; h < PERI__SHARDS; h++) s[h] = sum[h]; \
+            also(for (h = 0; h < PERI__SHARDS; h++) t[h] = peri__splat(0);) \
+            PERI__FOUR(PERI__DOT_STEP) \
+            also(PERI__FOUR(PERI__DOT_STEP2)) \
+            also(for (h = 0; h < PERI__SHARDS; h++) s[h] += t[h];) \
+            for (h = 0; h < PERI__SHARDS; h++) sum[h] = s[h]; \
+            a += PERI__REGISTER; \
+            also(b += PERI__REGISTER;) \
+            sum += PERI__SHARDS; \
+        } \
+    }
+
+PERI__QUADS_DEFINE(3_one, PERI__ONE)
+PERI__QUADS_DEFINE(3_two, PERI__TWO)
+
+/* to += a; to = -a; to += l a, for quads. */
+PERI__INLINE void peri__quad_add(peri_real *to, const peri_real *a) {
+    peri__shard *into = (peri__shard *)(void *)to;
+    const peri__shard *from = (const peri__shard *)(const void *)a;
+    int h;
+    for (h = 0; h < PERI__SHARDS; h++) into[h] += from[h];
+}
+
+PERI__INLINE void peri__quad_minus(peri_real *to, const peri_real *a) {
+    peri__shard *into = (peri__shard *)(void *)to;
+    const peri__shard *from = (const peri__shard *)(const void *)a;
+    int h;
+    for (h = 0; h < PERI__SHARDS; h++) into[h] = -from[h];
+}
+
+/* x[rows] += v for the rows begin .. end - 1 of a block. */
+PERI__INLINE void peri__block_add3(const int *PERI__RESTRICT rows, int begin, int end, const peri__reg *v,
+                                   peri_real *PERI__RESTRICT x) {
+    const peri_real *PERI__RESTRICT from = (const peri_real *)(const void *)v;
+    int k;
+    if (end - begin == PERI__REGISTER)
+        for (k = 0; k < PERI__REGISTER; k++) peri__quad_add(x + 4 * (ptrdiff_t)rows[k], from + 4 * k);
+    else
+        for (k = begin; k < end; k++) peri__quad_add(x + 4 * (ptrdiff_t)rows[k], from + 4 * k);
+}
+
+#ifdef PERI__VECTOR
+#ifdef PERI_DOUBLE
+typedef int64_t peri__mask_of;
+#else
+typedef int32_t peri__mask_of;
+#endif
+typedef peri__mask_of peri__mask __attribute__((vector_size(PERI__VECTOR), may_alias));
+#define PERI__QUAD_OF(i) i, i, i, i
+#define PERI__QUADS_OF(i) PERI__QUAD_OF(i), PERI__QUAD_OF(i + 1), PERI__QUAD_OF(i + 2), PERI__QUAD_OF(i + 3)
+#endif
+
+/* v = x[rows] for the rows begin .. end - 1 of a block, 0 for the others, which are in the list too. */
+PERI__INLINE void peri__block_get3(const peri_real *x, const int *rows, int begin, int end, peri__reg *v) {
+    const peri_real *at[PERI__GROUP];
+    int k, j;
+    for (k = 0; k < 4; k++) {
+        for (j = 0; j < PERI__GROUP; j++) at[j] = x + 4 * (ptrdiff_t)rows[PERI__GROUP * k / PERI__SHARDS + j];
+        v[k] = PERI__GATHER(at, k);
+    }
+#ifdef PERI__VECTOR
+    if (end - begin < PERI__REGISTER) {
+        static const peri__mask_of row[64] = {PERI__QUADS_OF(0), PERI__QUADS_OF(4), PERI__QUADS_OF(8),
+                                              PERI__QUADS_OF(12)};
+        const peri__mask none = {0}, from = (peri__mask_of)begin - none, to = (peri__mask_of)end - none;
+        for (k = 0; k < 4; k++) {
+            peri__mask i;
+            memcpy(&i, row + PERI__REGISTER * k, sizeof i);
+            v[k] = (peri__reg)((peri__mask)v[k] & (peri__mask)(i >= from) & (peri__mask)(i < to));
+        }
+    }
+#endif
+}
+
+/* y = L^-1 y for the panel's own columns, a tile at a time. */
+static void peri__own_down3(const peri_real *value, int width, peri_real *y) {
+    peri__reg out[4 * PERI__TILE];
+    const peri_real *z = (const peri_real *)(const void *)out;
+    int c, b, k, n;
+    for (c = 0; c < width; c += PERI__TILE, y += 4 * PERI__TILE) {
+        int begin = c / PERI__REGISTER * PERI__REGISTER;
+        n = width - c < PERI__TILE ? width - c : PERI__TILE;
+        for (b = c / PERI__REGISTER; b * PERI__REGISTER < c + n; b++) { /* the inverse of its block */
+            const peri_real *v = value + ((ptrdiff_t)b * width + c) * PERI__REGISTER;
+            peri__product3_one(n, v, v, y, out + 4 * (b - c / PERI__REGISTER));
+        }
+        for (k = 0; k < n; k++) peri__quad_minus(y + 4 * k, z + 4 * (c - begin + k));
+        for (b = (c + n) / PERI__REGISTER; b * PERI__REGISTER < width && c + n < width; b++) { /* and the rest */
+            const peri_real *v = value + ((ptrdiff_t)b * width + c) * PERI__REGISTER;
+            int first = b * PERI__REGISTER < c + n ? c + n : b * PERI__REGISTER;
+            int end = width < (b + 1) * PERI__REGISTER ? width : (b + 1) * PERI__REGISTER;
+            peri__product3_one(n, v, v, y, out);
+            for (k = first; k < end; k++) peri__quad_add(y + 4 * (k - c), z + 4 * (k - b * PERI__REGISTER));
+        }
+    }
+}
+
+static void peri__down3(const peri__sides *t, const peri__panel *p, peri_real *top) {
+    const peri_real *value = t->f->value + p->at, *y = t->x + 4 * (ptrdiff_t)p->first;
+    const int *list = t->f->s->rows + p->row;
+    int blocks = peri__blocks(p->height), b, k;
+    peri__reg out[8];
+    peri__own_down3(value, p->width, t->x + 4 * (ptrdiff_t)p->first);
+    if (p->width == p->height) return;
     for (b = p->width / PERI__REGISTER; b < blocks; b += 2) {
-        const peri__reg *one = value + (ptrdiff_t)b * p->width;
-        peri__block_get(t, p, b, in);
-        if (b + 1 < blocks) peri__block_get(t, p, b + 1, in + PERI__SIDES);
-        else for (q = 0; q < t->sides; q++) in[PERI__SIDES + q] = peri__splat(0);
-        t->dots(p->width, one, b + 1 < blocks ? one + p->width : one, in, sum);
+        const peri_real *one = value + (ptrdiff_t)b * p->width * PERI__REGISTER;
+        if (b + 1 < blocks) peri__product3_two(p->width, one, one + p->width * PERI__REGISTER, y, out);
+        else peri__product3_one(p->width, one, one, y, out);
+        for (k = 0; k < 2 && b + k < blocks; k++) {
+            const int *rows = list + (b + k) * PERI__REGISTER;
+            int first = peri__lanes_first(p, b + k), end = peri__lanes_end(p, b + k);
+            int inner = p->inner - (b + k) * PERI__REGISTER;
+            inner = inner < first ? first : inner > end ? end : inner;
+            if (first < inner) peri__block_add3(rows, first, inner, out + 4 * k, t->x);
+            if (inner < end) peri__block_add3(rows, inner, end, out + 4 * k, top);
+        }
     }
-    peri__up(t, p, sum);
 }
 
-static void peri__forward_task(int begin, int end, void *context) {
+/* x = L^-T (x + sum) for a tile of n columns. */
+PERI__INLINE void peri__tile_up3(const peri_real *value, const peri__panel *p, int c, int n, const peri__reg *sum,
+                                 peri_real *x) {
+    peri__shard z[PERI__SHARDS * PERI__TILE];
+    peri_real *y = (peri_real *)(void *)z;
+    int k, i, h;
+    for (k = 0; k < n; k++) {
+        const peri_real *part = (const peri_real *)(const void *)(sum + PERI__SHARDS * k);
+        memcpy(y + 4 * k, x + 4 * k, 4 * sizeof *x);
+        for (i = 0; i < PERI__GROUP; i++) peri__quad_add(y + 4 * k, part + 4 * i);
+    }
+    for (k = 0; k < n; k++) {
+        const peri_real *l = value + peri__entry(p, c, c + k);
+        for (h = 0; h < PERI__SHARDS; h++) {
+            peri__shard s = l[0] * z[h];
+            for (i = 1; i < n; i++) s += l[PERI__BELOW(i, p->width)] * z[PERI__SHARDS * i + h];
+            memcpy(x + 4 * k + h * PERI__REGISTER, &s, sizeof s);
+        }
+    }
+}
+
+static void peri__up3(const peri__sides *t, const peri__panel *p) {
+    const peri_real *value = t->f->value + p->at;
+    const int *list = t->f->s->rows + p->row;
+    peri_real *x = t->x + 4 * (ptrdiff_t)p->first;
+    peri__reg sum[PERI__SHARDS * PERI__WIDTH], in[8];
+    int blocks = peri__blocks(p->height), b, c, n;
+    memset(sum, 0, PERI__SHARDS * (size_t)p->width * sizeof *sum);
+    for (b = p->width / PERI__REGISTER; b < blocks && p->width < p->height; b += 2) {
+        const peri_real *one = value + (ptrdiff_t)b * p->width * PERI__REGISTER;
+        peri__block_get3(t->x, list + b * PERI__REGISTER, peri__lanes_first(p, b), peri__lanes_end(p, b), in);
+        if (b + 1 < blocks) {
+            peri__block_get3(t->x, list + (b + 1) * PERI__REGISTER, peri__lanes_first(p, b + 1),
+                             peri__lanes_end(p, b + 1), in + 4);
+            peri__dots3_two(p->width, one, one + p->width * PERI__REGISTER, in, sum);
+        } else peri__dots3_one(p->width, one, one, in, sum);
+    }
+    for (c = (p->width - 1) / PERI__TILE * PERI__TILE; c >= 0; c -= PERI__TILE) {
+        n = p->width - c < PERI__TILE ? p->width - c : PERI__TILE;
+        for (b = (c + n) / PERI__REGISTER; b * PERI__REGISTER < p->width && c + n < p->width; b++) {
+            const peri_real *one = value + ((ptrdiff_t)b * p->width + c) * PERI__REGISTER;
+            int end = p->width - b * PERI__REGISTER, begin = c + n - b * PERI__REGISTER;
+            peri__block_get3(t->x, list + b * PERI__REGISTER, begin < 0 ? 0 : begin,
+                             end < PERI__REGISTER ? end : PERI__REGISTER, in);
+            peri__dots3_one(n, one, one, in, sum + PERI__SHARDS * c);
+        }
+        peri__tile_up3(value, p, c, n, sum + PERI__SHARDS * c, x + 4 * c);
+    }
+}
+
+/* Lines go down their parts, each with its sums of the top; what they are is added in order; then the top, and back. */
+static void peri__down_task(int begin, int end, void *context) {
+    const peri__sides *t = (const peri__sides *)context;
+    const peri__symbolic *s = t->f->s;
+    int j, part;
+    for (; begin < end; begin++) {
+        peri_real *top = t->x;
+        if (begin) top = t->top + ((begin - 1) * (ptrdiff_t)t->tall - s->part[PERI__PARTS]) * t->row;
+        for (part = begin; part < PERI__PARTS; part += t->lines)
+            for (j = s->begin[part]; j < s->begin[part + 1]; j++) t->down(t, s->panel + j, top);
+    }
+}
+
+static void peri__up_task(int begin, int end, void *context) {
     const peri__sides *t = (const peri__sides *)context;
     int j;
     for (; begin < end; begin++)
-        for (j = t->f->s->begin[begin]; j < t->f->s->begin[begin + 1]; j++) peri__forward(t, t->f->s->panel + j);
+        for (j = t->f->s->begin[begin + 1] - 1; j >= t->f->s->begin[begin]; j--) t->up(t, t->f->s->panel + j);
 }
 
-static void peri__backward_task(int begin, int end, void *context) {
-    const peri__sides *t = (const peri__sides *)context;
-    int j;
-    for (; begin < end; begin++)
-        for (j = t->f->s->begin[begin + 1] - 1; j >= t->f->s->begin[begin]; j--) peri__backward(t, t->f->s->panel + j);
-}
-
-/* The parts, what they give to the top in their order, the top; and back. */
 static void peri__solve_sides(peri__sides *t) {
     const peri__symbolic *s = t->f->s;
-    int parts = s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 0, part, q, i;
-    if (parts) memset(t->top, 0, (size_t)parts * (size_t)t->sides * (size_t)t->tall * sizeof *t->top);
-    peri_parallel_for(&t->f->parallel, parts, 1, peri__forward_task, t);
-    for (part = 0; part < parts; part++)
-        for (q = 0; q < t->sides; q++) {
-            const peri_real *from = t->top + ((ptrdiff_t)part * t->sides + q) * t->tall;
-            peri_real *to = t->x + (ptrdiff_t)q * t->n + s->part[PERI__PARTS];
-            for (i = 0; i < t->tall; i++) to[i] += from[i];
-        }
-    peri__forward_task(PERI__PARTS, PERI__PARTS + 1, t);
-    peri__backward_task(PERI__PARTS, PERI__PARTS + 1, t);
-    peri_parallel_for(&t->f->parallel, parts, 1, peri__backward_task, t);
+    ptrdiff_t count = (ptrdiff_t)t->tall * t->row, i;
+    int parts = s->begin[PERI__PARTS] > 0 ? PERI__PARTS : 0, j;
+    peri_real *to = t->x + (ptrdiff_t)s->part[PERI__PARTS] * t->row;
+    if (parts) {
+        memset(t->top, 0, (size_t)(t->lines - 1) * (size_t)count * sizeof *t->top);
+        peri_parallel_for(&t->f->parallel, t->lines, 1, peri__down_task, t);
+        for (j = 0; j < t->lines - 1; j++)
+            for (i = 0; i < count; i++) to[i] += t->top[j * count + i];
+    }
+    for (j = s->begin[PERI__PARTS]; j < s->panels; j++) t->down(t, s->panel + j, t->x);
+    peri__up_task(PERI__PARTS, PERI__PARTS + 1, t);
+    peri_parallel_for(&t->f->parallel, parts, 1, peri__up_task, t);
 }
 
 void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_real *work) {
     peri__sides t;
-    int i, q, c;
+    const int *order;
+    int i, c, q, sides;
     PERI_ASSERT(f && f->ready && rhs >= 1);
     if (!f || !f->ready) return;
+    order = f->s->order;
     t.f = f;
     t.x = work;
     t.n = f->s->n;
     t.tall = t.n - f->s->part[PERI__PARTS];
-    for (c = 0; c < rhs; c += t.sides) {
-        const int *order = f->s->order;
-        t.sides = rhs - c >= PERI__SIDES ? PERI__SIDES : 1;
-        t.top = work + (ptrdiff_t)t.sides * t.n;
-        t.product = t.sides == PERI__SIDES ? peri__product3 : peri__product1;
-        t.dots = t.sides == PERI__SIDES ? peri__dots3 : peri__dots1;
-        for (i = 0; i < t.n; i++)
-            for (q = 0; q < t.sides; q++) work[(ptrdiff_t)q * t.n + i] = x[rhs * (ptrdiff_t)order[i] + c + q];
+    for (c = 0; c < rhs; c += sides) {
+        sides = rhs - c >= PERI__SIDES ? PERI__SIDES : 1;
+        t.row = sides == PERI__SIDES ? 4 : 1;
+        t.down = sides == PERI__SIDES ? peri__down3 : peri__down1;
+        t.up = sides == PERI__SIDES ? peri__up3 : peri__up1;
+        t.lines = sides < PERI__SIDES || 6 * (ptrdiff_t)t.tall <= t.n ? PERI__PARTS : 2; /* as work has room for */
+        t.top = work + (ptrdiff_t)t.row * t.n;
+        for (i = 0; i < t.n; i++) {
+            const peri_real *from = x + rhs * (ptrdiff_t)order[i] + c;
+            for (q = 0; q < sides; q++) work[t.row * (ptrdiff_t)i + q] = from[q];
+            if (t.row > sides) work[4 * (ptrdiff_t)i + 3] = 0;
+        }
         peri__solve_sides(&t);
-        for (i = 0; i < t.n; i++)
-            for (q = 0; q < t.sides; q++) x[rhs * (ptrdiff_t)order[i] + c + q] = work[(ptrdiff_t)q * t.n + i];
+        for (i = 0; i < t.n; i++) {
+            peri_real *to = x + rhs * (ptrdiff_t)order[i] + c;
+            for (q = 0; q < sides; q++) to[q] = work[t.row * (ptrdiff_t)i + q];
+        }
     }
 }
 

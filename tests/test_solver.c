@@ -1333,6 +1333,44 @@ static void memory(void) {
     sparse_end(&m);
 }
 
+/* Rows tied at random have no small separators, least of all by positions that mean nothing: half of them are the first,
+   and L is dense there. What passes 32 bits is refused by the analysis, which keeps nothing. */
+static void factor_limit(void) {
+    enum { N = 120000, TIES = 3 };
+    int *i = (int *)grab(TIES * N, sizeof *i), *j = (int *)grab(TIES * N, sizeof *j), k;
+    peri_real *xyz = (peri_real *)grab(3 * N, sizeof *xyz);
+    double entries = 0, operations;
+    size_t count = 7;
+    peri_sparse *m = NULL;
+    peri_cholesky *f = (peri_cholesky *)1;
+    peri_allocator hook;
+    peri_error err;
+    counter c;
+    for (k = 0; k < TIES * N; k++) {
+        int one = k / TIES, other = (int)(chance() * N);
+        i[k] = one > other ? one : other;
+        j[k] = one > other ? other : one;
+    }
+    for (k = 0; k < N; k++) xyz[3 * k] = (peri_real)chance();
+    CHECK(peri_sparse_from_triplets(N, TIES * N, i, j, PERI_TRIANGLE_LOWER, NULL, &m, &err) == PERI_OK);
+    hook.resize = count_resize;
+    hook.user = &c;
+    memset(&c, 0, sizeof c);
+    c.fail_at = -1;
+    CHECK(peri_cholesky_create(peri_sparse_matrix(m), xyz, &hook, &f, &err) == PERI_ERROR_LIMIT && !f);
+    CHECK(err.code == PERI_ERROR_LIMIT && strstr(err.text, "above 2^31; use peri_solve_cg with"));
+    CHECK(sscanf(err.text, "cholesky: the factor of 120000 rows would have %lf entries", &entries) == 1);
+    printf("    entries: %.2f of 2^31\n", entries / 2147483648.0);
+    CHECK(entries > 2147483647.0 && entries < 0.5 * N * (N + 1.0));
+    CHECK(c.calls > 2 && c.live == 0 && c.wrong == 0);
+    CHECK(peri_cholesky_estimate(peri_sparse_matrix(m), xyz, &hook, &count, &operations, NULL) == PERI_ERROR_LIMIT);
+    CHECK(count == 7 && c.live == 0 && c.wrong == 0);
+    peri_sparse_destroy(m);
+    free(i);
+    free(j);
+    free(xyz);
+}
+
 static void helpers(void) {
     size_t product;
     peri_error err;
@@ -1541,6 +1579,7 @@ int main(int argc, char **argv) {
     RUN(bad_patterns);
     RUN(bad_pivots);
     RUN(memory);
+    RUN(factor_limit);
     RUN(helpers);
     RUN(lbfgs_is_bfgs);
     RUN(lbfgs_refuses);

@@ -1442,6 +1442,50 @@ static void solver_choice(void) {
     CHECK(reach > 0.05 * 0.05 && apart < 1e-4 * 0.05);
 }
 
+#ifndef PERI_NO_CHOLESKY
+/* A thousand copies factorise once. One that goes its own way, by a particle held, has numbers of its own and still the
+   same analysis; the others keep theirs. */
+static void copies_share(void) {
+    enum { COPIES = 1000, SIDE = 3, N = SIDE * SIDE * SIDE };
+    peri_world_def wd = peri_default_world_def();
+    peri_body_def bd = peri_default_body_def();
+    peri_material m = peri_material_neo_hookean(1e5f, 0.3f, 1000);
+    static peri_body_id id[COPIES];
+    peri_real points[3 * N];
+    peri_world *w;
+    const peri__factor *first;
+    int i, k;
+    wd.solver = PERI_SOLVER_CHOLESKY;
+    wd.max_bodies = COPIES;
+    w = peri_world_create(&wd, NULL);
+    bd.spacing = (peri_real)0.1;
+    for (i = 0; i < N; i++) {
+        points[3 * i] = bd.spacing * (peri_real)(i % SIDE);
+        points[3 * i + 1] = bd.spacing * (peri_real)(i / SIDE % SIDE);
+        points[3 * i + 2] = bd.spacing * (peri_real)(i / SIDE / SIDE);
+    }
+    bd.points = points;
+    bd.count = N;
+    bd.material = peri_material_create(w, &m);
+    for (k = 0; k < COPIES; k++) {
+        bd.position.x = (peri_real)(k % 10);
+        bd.position.y = (peri_real)(k / 10 % 10);
+        bd.position.z = (peri_real)(k / 100);
+        id[k] = peri_body_create(w, &bd);
+    }
+    CHECK(!peri_world_step(w, (peri_real)(1 / 60.0)));
+    CHECK(peri_world_stats(w).factors == 1 && peri_world_stats(w).factors_held == 1);
+    first = peri__body_at(w, 0)->factor;
+    for (k = 0; k < COPIES; k++) CHECK(peri__body_at(w, k)->factor == first);
+    CHECK(!peri_body_set_fixed(w, id[7], 0, 1));
+    CHECK(!peri_world_step(w, (peri_real)(1 / 60.0)));
+    CHECK(peri_world_stats(w).factors == 2 && peri_world_stats(w).factors_held == 2);
+    CHECK(peri__body_at(w, 7)->factor != first && peri__body_at(w, 7)->factor->l->s == first->l->s);
+    for (k = 0; k < COPIES; k++) CHECK(k == 7 || peri__body_at(w, k)->factor == first);
+    peri_world_destroy(w);
+}
+#endif
+
 int main(int argc, char **argv) {
     test_begin(argc, argv);
     RUN(affine_correspondence);
@@ -1476,5 +1520,8 @@ int main(int argc, char **argv) {
     RUN(skin_follows);
 #endif
     RUN(solver_choice);
+#ifndef PERI_NO_CHOLESKY
+    RUN(copies_share);
+#endif
     return test_end();
 }
