@@ -563,9 +563,9 @@ PERI_DEF void peri_anderson_apply(const peri_anderson *q, const peri_parallel *p
 typedef struct peri_two_level peri_two_level;
 
 /* The nodes of a grid of side `cell` from the smallest coordinates of xyz (3 n) on, as far as rows are near: 3 spacings
-   are good, 2 make the factor six times as large, 4 one fifth. It is for `rhs` right-hand sides, 1 to 3, and holds its own work: one thread at a time may apply it. memory NULL:
-   realloc and free. Errors: ARGUMENT, INDEX (pattern), VALUE (a coordinate is not finite, cell not positive), LIMIT,
-   MEMORY. */
+   are good, 2 make the factor six times as large, 4 one fifth. It is for `rhs` right-hand sides, 1 to 3, and holds its
+   own work: one thread at a time may apply it. memory NULL: realloc and free. Errors: ARGUMENT, INDEX (pattern), VALUE
+   (a coordinate is not finite, cell not positive), LIMIT, MEMORY. */
 PERI_DEF peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, double cell, int rhs,
                                            const peri_allocator *memory, peri_two_level **out, peri_error *err);
 
@@ -4702,7 +4702,7 @@ static size_t peri__corners(int n, const peri_real *xyz, double cell, peri__corn
 }
 
 /* Numbers the nodes: of the corners those that are the nearest of some row. Others would hang on rows that have nodes
-   enough, and make the coarse matrix singular. Leaves their corners only, sorted by node; returns the number of nodes. */
+   enough, and make the coarse matrix singular. Leaves their corners only, sorted by node; returns how many nodes. */
 static int peri__nodes(peri__corner *corner, size_t *count) {
     size_t k, i, end, kept = 0;
     int nodes = 0;
