@@ -7019,8 +7019,8 @@ static int peri__search_trial(double share, double *slope, double *energy, void 
     return 1;
 }
 
-/* Goes along p (g times p being `slope`) from where x is, as far as slope and energy allow; leaves the gradient there in
-   g1. Returns the share of p that was gone, 0 when no share would do. */
+/* Goes along p, g times p being `slope`, from where x is, as far as slope and energy allow; leaves the gradient there
+   in g1. Returns the share of p that was gone, 0 when no share would do. */
 static double peri__search(peri__solve *s, double slope) {
     peri_search o = peri_default_search();
     peri_line line;
