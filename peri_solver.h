@@ -556,20 +556,21 @@ PERI_DEF void peri_anderson_apply(const peri_anderson *q, const peri_parallel *p
 #ifndef PERI_NO_CHOLESKY
 /* ---- 9  two-level preconditioner --------------------------------------------------------------------------------- */
 
-/* P^-1 = D^-1 + Q (Q^T A Q)^-1 Q^T: Jacobi for what changes from row to row, and a factor of the matrix of aggregates
-   for what is smooth (Q: 1 where a row belongs to an aggregate). Against a full factor it takes about twice the
-   iterations, each a tenth of the time, in three dimensions; the factor is made in a tenth of its time and memory. */
+/* P^-1 = D^-1 + Q (Q^T A Q)^-1 Q^T: Jacobi for what changes from row to row, and a factor of the matrix of the nodes of
+   a coarse grid for what is smooth (Q: rows between nodes are linear between them; Bramble, Pasciak & Xu 1990, with two
+   levels). Against a full factor it takes a quarter more iterations, each a tenth of the time, in three dimensions; the
+   factor is made in a tenth of its time and memory. */
 typedef struct peri_two_level peri_two_level;
 
-/* Aggregates are the rows whose coordinates xyz (3 n) lie in one cube of side `cell`: 2 spacings makes blocks of eight.
-   It is for `rhs` right-hand sides, 1 to 3, and holds its own work: one thread at a time may apply it. memory NULL:
-   realloc and free. Errors: ARGUMENT, INDEX (pattern), VALUE (a coordinate is not finite, cell not positive), LIMIT,
-   MEMORY. */
+/* The nodes of a grid of side `cell` from the smallest coordinates of xyz (3 n) on, as far as rows are near: 3 spacings
+   are good, 2 make the factor six times as large, 4 one fifth. It is for `rhs` right-hand sides, 1 to 3, and holds its
+   own work: one thread at a time may apply it. memory NULL: realloc and free. Errors: ARGUMENT, INDEX (pattern), VALUE
+   (a coordinate is not finite, cell not positive), LIMIT, MEMORY. */
 PERI_DEF peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, double cell, int rhs,
                                            const peri_allocator *memory, peri_two_level **out, peri_error *err);
 
 /* Takes the values of a, whose pattern must be that of create. Rows that store nothing but zeros stand by themselves.
-   PIVOT: a diagonal entry is not positive, or the matrix of aggregates is not positive definite. */
+   PIVOT: a diagonal entry is not positive, or the matrix of the nodes is not positive definite. */
 PERI_DEF peri_result peri_two_level_factor(peri_two_level *t, const peri_matrix *a, peri_error *err);
 
 /* Threads for apply and factor, as peri_cholesky_threads. */
@@ -578,11 +579,11 @@ PERI_DEF void peri_two_level_threads(peri_two_level *t, const peri_parallel *par
 /* A peri_precondition: p = P^-1 g; context: a peri_two_level. */
 PERI_DEF void peri_two_level_apply(const peri_real *g, peri_real *p, void *two_level);
 
-/* Aggregates. */
-PERI_DEF int peri_two_level_aggregates(const peri_two_level *t);
+/* Nodes. */
+PERI_DEF int peri_two_level_nodes(const peri_two_level *t);
 /* Bytes held. */
 PERI_DEF size_t peri_two_level_bytes(const peri_two_level *t);
-/* Entries of the factor of the aggregates. */
+/* Entries of the factor of the nodes. */
 PERI_DEF size_t peri_two_level_entries(const peri_two_level *t);
 /* Operations of making it. */
 PERI_DEF double peri_two_level_operations(const peri_two_level *t);
@@ -4861,57 +4862,139 @@ struct peri_two_level {
     peri_parallel parallel;
     peri_cholesky *factor;
     peri_matrix coarse;
-    int n, parts, rhs, longest, ready;
-    int *part, *member, *first;     /* of a row; rows of an aggregate: member[first[k]] .. member[first[k + 1] - 1] */
+    int n, parts, rhs, ready;
+    int *up, *node;                 /* of a row: its nodes, node[up[i]] .. node[up[i + 1] - 1], the nearest first, */
+    peri_real *weight, *live;       /* their weights; those weights, 0 where the row or the node is left out */
+    int *down, *member;             /* of a node: its entries of weight, member[down[k]] .. ; */
+    int *which;                     /* and the rows of those; */
+    peri_real *share;               /* live, in that order */
     int *row, *col, *place;         /* of the coarse matrix; place: scratch */
     peri_real *value, *diagonal, *inverse, *sum, *work;
-    double *line;                   /* scratch: a row of the coarse matrix */
+    double *line, *reach;           /* scratch: a row of the coarse matrix, a row of Q^T A; */
+    int *list, *stamp;              /* where that is not zero; which row it is of */
     unsigned char *alone;           /* rows that no other touches */
 };
 
-typedef struct peri__cube {
-    int64_t key[3];
-    int row;
-} peri__cube;
+#define PERI__CORNERS 8
 
-static int peri__cube_order(const void *a, const void *b) {
-    const peri__cube *x = (const peri__cube *)a, *y = (const peri__cube *)b;
+/* A corner of the cell that a row stands in: where, and how near. */
+typedef struct peri__corner {
+    int64_t key[3];
+    peri_real weight;
+    int row, node;
+    int nearest;                    /* 1: of all the row's corners */
+} peri__corner;
+
+static int peri__corner_order(const void *a, const void *b) {
+    const peri__corner *x = (const peri__corner *)a, *y = (const peri__corner *)b;
     int c;
     for (c = 2; c >= 0; c--)
         if (x->key[c] != y->key[c]) return x->key[c] < y->key[c] ? -1 : 1;
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Sorts rows by the cube that they stand in. Cubes begin a quarter before the first coordinate, so that rounding does
-   not part the planes of a lattice of half their side. Returns the number of cubes. */
-static int peri__cubes(int n, const peri_real *xyz, double cell, peri__cube *cube) {
-    int i, c, count = n > 0;
-    double low[3] = {0, 0, 0};
+/* Where a coordinate, in cells, stands between two nodes: its share of the upper one. Nodes nearly met count as met. */
+static double peri__between(double u, int64_t *low) {
+    double base = floor(u), share = u - base;
+    *low = (int64_t)base;
+    if (share < 1.0 / 64) return 0;
+    if (share <= 1 - 1.0 / 64) return share;
+    (*low)++;
+    return 0;
+}
+
+/* The corners of row i that have a weight; returns their number. */
+static int peri__corners_of(const double u[3], int i, peri__corner *out) {
+    int64_t low[3];
+    double share[3];
+    int k, c, count = 0, best = 0;
+    for (c = 0; c < 3; c++) share[c] = peri__between(u[c], &low[c]);
+    for (k = 0; k < PERI__CORNERS; k++) {
+        peri__corner *o = &out[count];
+        double weight = 1;
+        for (c = 0; c < 3; c++) {
+            weight *= k >> c & 1 ? share[c] : 1 - share[c];
+            o->key[c] = low[c] + (k >> c & 1);
+        }
+        if (!(weight > 0)) continue;
+        o->weight = (peri_real)weight;
+        o->row = i;
+        o->nearest = 0;
+        if (o->weight > out[best].weight) best = count;
+        count++;
+    }
+    out[best].nearest = 1;
+    return count;
+}
+
+/* The corners of all rows; corner NULL only counts them. */
+static size_t peri__corners(int n, const peri_real *xyz, double cell, peri__corner *corner) {
+    peri__corner some[PERI__CORNERS];
+    double low[3] = {0, 0, 0}, u[3];
+    size_t count = 0;
+    int i, c;
     for (c = 0; c < 3; c++)
         for (i = 0; i < n; i++)
             if (i == 0 || (double)xyz[3 * (ptrdiff_t)i + c] < low[c]) low[c] = (double)xyz[3 * (ptrdiff_t)i + c];
     for (i = 0; i < n; i++) {
-        for (c = 0; c < 3; c++)
-            cube[i].key[c] = (int64_t)(((double)xyz[3 * (ptrdiff_t)i + c] - low[c]) / cell + 0.25);
-        cube[i].row = i;
+        for (c = 0; c < 3; c++) u[c] = ((double)xyz[3 * (ptrdiff_t)i + c] - low[c]) / cell;
+        count += (size_t)peri__corners_of(u, i, corner ? corner + count : some);
     }
-    qsort(cube, (size_t)n, sizeof *cube, peri__cube_order);
-    for (i = 1; i < n; i++)
-        count += cube[i].key[0] != cube[i - 1].key[0] || cube[i].key[1] != cube[i - 1].key[1] ||
-                 cube[i].key[2] != cube[i - 1].key[2];
     return count;
 }
 
-/* Rows of the coarse pattern; with col NULL only their lengths. place: -1 for aggregates not met in this row. */
+/* Numbers the nodes: of the corners those that are the nearest of some row. Others would hang on rows that have nodes
+   enough, and make the coarse matrix singular. Leaves their corners only, sorted by node; returns how many nodes. */
+static int peri__nodes(peri__corner *corner, size_t *count) {
+    size_t k, i, end, kept = 0;
+    int nodes = 0;
+    qsort(corner, *count, sizeof *corner, peri__corner_order);
+    for (k = 0; k < *count; k = end) {
+        int wanted = 0;
+        for (end = k; end < *count && corner[end].key[0] == corner[k].key[0] &&
+                      corner[end].key[1] == corner[k].key[1] && corner[end].key[2] == corner[k].key[2]; end++)
+            wanted |= corner[end].nearest;
+        for (i = k; i < end && wanted; i++) {
+            corner[kept] = corner[i];
+            corner[kept++].node = nodes;
+        }
+        nodes += wanted;
+    }
+    *count = kept;
+    return nodes;
+}
+
+/* The rows that node k reaches by A into t->list: their number. What A makes there of
+   the node's weights goes into t->reach. stamp: not k before. */
+static int peri__coarse_reach(peri_two_level *t, const peri_matrix *a, int k) {
+    int m, e, count = 0;
+    for (m = t->down[k]; m < t->down[k + 1]; m++) {
+        int i = t->which[m];
+        double weight = (double)t->share[m];
+        for (e = a->row[i] - 1; e < a->row[i + 1]; e++) {
+            int j = e < a->row[i] ? i : a->col[e];
+            if (t->stamp[j] != k) {
+                t->stamp[j] = k;
+                t->reach[j] = 0;
+                t->list[count++] = j;
+            }
+            t->reach[j] += weight * (double)(e < a->row[i] ? a->diagonal[i] : a->value[e]);
+        }
+    }
+    return count;
+}
+
+/* Rows of the coarse pattern; with col NULL only their lengths. */
 static void peri__coarse_pattern(peri_two_level *t, const peri_matrix *a) {
-    int k, m, e, count = 0;
+    int i, k, q, count = 0;
+    for (i = 0; i < t->n; i++) t->stamp[i] = -1;
     for (k = 0; k < t->parts; k++) t->place[k] = -1;
     for (k = 0; k < t->parts; k++) {
-        int begin = count;
+        int begin = count, rows = peri__coarse_reach(t, a, k);
         t->place[k] = k;
-        for (m = t->first[k]; m < t->first[k + 1]; m++)
-            for (e = a->row[t->member[m]]; e < a->row[t->member[m] + 1]; e++) {
-                int to = t->part[a->col[e]];
+        for (i = 0; i < rows; i++)
+            for (q = t->up[t->list[i]]; q < t->up[t->list[i] + 1]; q++) {
+                int to = t->node[q];
                 if (t->place[to] == k) continue;
                 t->place[to] = k;
                 if (t->col) t->col[count] = to;
@@ -4919,83 +5002,127 @@ static void peri__coarse_pattern(peri_two_level *t, const peri_matrix *a) {
             }
         if (t->col) peri__row_sort(t->col + begin, count - begin);
         t->row[k] = begin;
-        if (count - begin > t->longest) t->longest = count - begin;
     }
     t->row[t->parts] = count;
 }
 
-/* Where everything stands in one block; block NULL only counts. */
-static size_t peri__two_level_lay(peri_two_level *t, char *block, int entries) {
+/* Where everything stands in one block; block NULL only counts. The coarse matrix, whose size is known last, has a
+   block of its own. */
+static size_t peri__two_level_lay(peri_two_level *t, char *block, size_t corners) {
     size_t n = (size_t)t->n, parts = (size_t)t->parts, sides = (size_t)t->rhs, at = 0;
 #define PERI__LAY(field, type, count) \
     if (block) t->field = (type *)(void *)(block + at); \
     at = peri__align(at + ((size_t)(count) + 1) * sizeof(type));
-    PERI__LAY(line, double, t->longest + 1)
+    PERI__LAY(line, double, parts)
+    PERI__LAY(reach, double, n)
     PERI__LAY(inverse, peri_real, n)
-    PERI__LAY(value, peri_real, entries)
     PERI__LAY(diagonal, peri_real, parts)
     PERI__LAY(sum, peri_real, sides * parts)
     PERI__LAY(work, peri_real, 2 * sides * parts)
-    PERI__LAY(part, int, n)
-    PERI__LAY(member, int, n)
-    PERI__LAY(first, int, parts + 1)
+    PERI__LAY(weight, peri_real, corners)
+    PERI__LAY(live, peri_real, corners)
+    PERI__LAY(share, peri_real, corners)
+    PERI__LAY(node, int, corners)
+    PERI__LAY(member, int, corners)
+    PERI__LAY(which, int, corners)
+    PERI__LAY(up, int, n + 1)
+    PERI__LAY(down, int, parts + 1)
     PERI__LAY(row, int, parts + 1)
     PERI__LAY(place, int, parts)
-    PERI__LAY(col, int, entries)
+    PERI__LAY(list, int, n)
+    PERI__LAY(stamp, int, n)
     PERI__LAY(alone, unsigned char, n)
 #undef PERI__LAY
     return at;
 }
 
-/* Aggregates, pattern and factor of their matrix. Room is taken for as many entries as A has, and used from the
-   front. */
-static peri_result peri__two_level_make(peri_two_level *t, const peri_matrix *a, const peri_real *xyz,
-                                        const peri__cube *cube, peri_error *err) {
-    size_t bytes;
-    char *block;
-    peri_real *centre;
-    int i, k = -1, c;
-    t->longest = t->parts;
-    bytes = peri__two_level_lay(t, NULL, a->row[t->n]);
-    block = (char *)peri__resize(&t->memory, NULL, 0, bytes);
-    if (!block) return peri__fail(err, PERI_ERROR_MEMORY, "two levels: no memory for %d rows", t->n);
-    t->bytes = bytes;
-    peri__two_level_lay(t, block, a->row[t->n]);
-    for (i = 0; i < t->n; i++) {
-        if (i == 0 || cube[i].key[0] != cube[i - 1].key[0] || cube[i].key[1] != cube[i - 1].key[1] ||
-            cube[i].key[2] != cube[i - 1].key[2])
-            t->first[++k] = i;
-        t->member[i] = cube[i].row;
-        t->part[cube[i].row] = k;
+/* Q, by rows (the nearest node first) and by nodes; the weights of a row add up to 1. */
+static void peri__two_level_weights(peri_two_level *t, const peri__corner *corner, size_t corners) {
+    int i, k, m, count = (int)corners;
+    memset(t->up, 0, ((size_t)t->n + 1) * sizeof *t->up);
+    memset(t->down, 0, ((size_t)t->parts + 1) * sizeof *t->down);
+    for (k = 0; k < count; k++) {
+        t->up[corner[k].row + 1]++;
+        t->down[corner[k].node + 1]++;
     }
-    t->first[t->parts] = t->n;
-    t->longest = 0;
+    for (i = 0; i < t->n; i++) {
+        t->up[i + 1] += t->up[i];
+        t->list[i] = t->up[i];
+    }
+    for (k = 0; k < t->parts; k++) t->down[k + 1] += t->down[k];
+    for (k = 0; k < count; k++) {
+        m = t->list[corner[k].row]++;
+        if (corner[k].nearest) {
+            i = t->up[corner[k].row];
+            t->node[m] = t->node[i];
+            t->weight[m] = t->weight[i];
+            m = i;
+        }
+        t->node[m] = corner[k].node;
+        t->weight[m] = corner[k].weight;
+    }
+    for (k = 0; k < t->parts; k++) t->place[k] = t->down[k];
+    for (i = 0; i < t->n; i++) {
+        double sum = 0;
+        for (k = t->up[i]; k < t->up[i + 1]; k++) sum += (double)t->weight[k];
+        for (k = t->up[i]; k < t->up[i + 1]; k++) {
+            t->weight[k] = (peri_real)((double)t->weight[k] / sum);
+            m = t->place[t->node[k]]++;
+            t->share[m] = t->weight[k];
+            t->member[m] = k;
+            t->which[m] = i;
+        }
+    }
+}
+
+static peri_result peri__two_level_refused(const peri_two_level *t, peri_error *err) {
+    return peri__fail(err, PERI_ERROR_MEMORY, "two levels: no memory for %d rows", t->n);
+}
+
+/* Nodes, pattern and factor of their matrix. */
+static peri_result peri__two_level_make(peri_two_level *t, const peri_matrix *a, const peri_real *xyz,
+                                        const peri__corner *corner, size_t corners, peri_error *err) {
+    size_t bytes = peri__two_level_lay(t, NULL, corners), entries, of = (3 * (size_t)t->parts + 1) * sizeof(peri_real);
+    char *block = (char *)peri__resize(&t->memory, NULL, 0, bytes);
+    peri_real *centre;
+    peri_result bad;
+    int k, c, m;
+    if (!block) return peri__two_level_refused(t, err);
+    t->bytes = bytes;
+    peri__two_level_lay(t, block, corners);
+    peri__two_level_weights(t, corner, corners);
+    peri__coarse_pattern(t, a);
+    entries = (size_t)t->row[t->parts];
+    t->value = (peri_real *)peri__resize(&t->memory, NULL, 0, (entries + 1) * (sizeof *t->value + sizeof *t->col));
+    if (!t->value) return peri__two_level_refused(t, err);
+    t->col = (int *)(void *)(t->value + entries + 1);
     peri__coarse_pattern(t, a);
     t->coarse.n = t->parts;
     t->coarse.row = t->row;
     t->coarse.col = t->col;
     t->coarse.value = t->value;
     t->coarse.diagonal = t->diagonal;
-    centre = (peri_real *)peri__resize(&t->memory, NULL, 0, (3 * (size_t)t->parts + 1) * sizeof *centre);
-    if (!centre) return peri__fail(err, PERI_ERROR_MEMORY, "two levels: no memory for %d rows", t->n);
+    centre = (peri_real *)peri__resize(&t->memory, NULL, 0, of);
+    if (!centre) return peri__two_level_refused(t, err);
     for (k = 0; k < t->parts; k++)
         for (c = 0; c < 3; c++) {
             double sum = 0;
-            for (i = t->first[k]; i < t->first[k + 1]; i++) sum += (double)xyz[3 * (ptrdiff_t)t->member[i] + c];
-            centre[3 * (ptrdiff_t)k + c] = (peri_real)(sum / (t->first[k + 1] - t->first[k]));
+            for (m = t->down[k]; m < t->down[k + 1]; m++) sum += (double)xyz[3 * (ptrdiff_t)t->which[m] + c];
+            centre[3 * (ptrdiff_t)k + c] = (peri_real)(sum / (t->down[k + 1] - t->down[k]));
         }
-    i = (int)peri_cholesky_create(&t->coarse, centre, &t->memory, &t->factor, err);
-    peri__resize(&t->memory, centre, (3 * (size_t)t->parts + 1) * sizeof *centre, 0);
-    return (peri_result)i;
+    bad = peri_cholesky_create(&t->coarse, centre, &t->memory, &t->factor, err);
+    peri__resize(&t->memory, centre, of, 0);
+    return bad;
 }
 
 peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, double cell, int rhs,
                                   const peri_allocator *memory, peri_two_level **out, peri_error *err) {
     peri_allocator hook = peri__memory_or_standard(memory);
     peri_two_level *t;
-    peri__cube *cube;
+    peri__corner *corner;
     peri_result bad;
     ptrdiff_t i;
+    size_t room, corners;
     if (out) *out = NULL;
     if (!a || !xyz || !out || rhs < 1 || rhs > 3)
         return peri__fail(err, PERI_ERROR_ARGUMENT, "two levels: %s", !a ? "the matrix is NULL" : !xyz ? "xyz is NULL" :
@@ -5016,14 +5143,16 @@ peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, do
     t->rhs = rhs;
     t->pattern = peri__pattern(a);
     t->parallel.threads = 1;
-    cube = (peri__cube *)peri__resize(&hook, NULL, 0, ((size_t)a->n + 1) * sizeof *cube);
-    bad = PERI_ERROR_MEMORY;
-    if (cube) {
-        t->parts = peri__cubes(a->n, xyz, cell, cube);
-        bad = a->n > 0 ? peri__two_level_make(t, a, xyz, cube, err) : PERI_OK;
-        peri__resize(&hook, cube, ((size_t)a->n + 1) * sizeof *cube, 0);
+    corners = peri__corners(a->n, xyz, cell, NULL);
+    room = (corners + 1) * sizeof *corner;
+    corner = corners < 0x7fffffff ? (peri__corner *)peri__resize(&hook, NULL, 0, room) : NULL;
+    if (corner) {
+        peri__corners(a->n, xyz, cell, corner);
+        t->parts = peri__nodes(corner, &corners);
+        bad = a->n > 0 ? peri__two_level_make(t, a, xyz, corner, corners, err) : PERI_OK;
+        peri__resize(&hook, corner, room, 0);
     } else {
-        peri__fail(err, bad, "two levels: no memory for %d rows", a->n);
+        bad = peri__two_level_refused(t, err);
     }
     if (bad) {
         peri_two_level_destroy(t);
@@ -5033,27 +5162,31 @@ peri_result peri_two_level_create(const peri_matrix *a, const peri_real *xyz, do
     return peri__succeed(err);
 }
 
+/* Rows that stand alone are left out, and nodes that are the nearest of no other: for what hangs on something held,
+   such a node is held, too. */
+static void peri__two_level_live(peri_two_level *t) {
+    int i, k;
+    for (k = 0; k < t->parts; k++) t->place[k] = 0;
+    for (i = 0; i < t->n; i++) t->place[t->node[t->up[i]]] |= !t->alone[i];
+    for (i = 0; i < t->n; i++)
+        for (k = t->up[i]; k < t->up[i + 1]; k++)
+            t->live[k] = t->alone[i] || !t->place[t->node[k]] ? 0 : t->weight[k];
+    for (k = 0; k < t->up[t->n]; k++) t->share[k] = t->live[t->member[k]];
+}
+
 /* Row k of Q^T A Q, summed in double. */
 static void peri__coarse_row(peri_two_level *t, const peri_matrix *a, int k) {
-    double own = 0;
-    int m, e, begin = t->row[k], count = t->row[k + 1] - begin;
-    for (e = 0; e < count; e++) {
-        t->place[t->col[begin + e]] = e;
-        t->line[e] = 0;
+    int i, e, q, begin = t->row[k], count = t->row[k + 1] - begin, rows = peri__coarse_reach(t, a, k);
+    double own;
+    for (e = 0; e < count; e++) t->line[t->col[begin + e]] = 0;
+    t->line[k] = 0;
+    for (i = 0; i < rows; i++) {
+        double value = t->reach[t->list[i]];
+        for (q = t->up[t->list[i]]; q < t->up[t->list[i] + 1]; q++) t->line[t->node[q]] += value * (double)t->live[q];
     }
-    for (m = t->first[k]; m < t->first[k + 1]; m++) {
-        int i = t->member[m];
-        if (t->alone[i]) continue;
-        own += (double)a->diagonal[i];
-        for (e = a->row[i]; e < a->row[i + 1]; e++) {
-            int to = t->part[a->col[e]];
-            if (t->alone[a->col[e]]) continue;
-            if (to == k) own += (double)a->value[e];
-            else t->line[t->place[to]] += (double)a->value[e];
-        }
-    }
-    for (e = 0; e < count; e++) t->value[begin + e] = (peri_real)t->line[e];
-    t->diagonal[k] = own > 0 || own < 0 ? (peri_real)own : 1;   /* 1: all its rows stand alone */
+    for (e = 0; e < count; e++) t->value[begin + e] = (peri_real)t->line[t->col[begin + e]];
+    own = t->line[k];
+    t->diagonal[k] = own > 0 || own < 0 ? (peri_real)own : 1;   /* 1: it is left out */
 }
 
 peri_result peri_two_level_factor(peri_two_level *t, const peri_matrix *a, peri_error *err) {
@@ -5074,6 +5207,8 @@ peri_result peri_two_level_factor(peri_two_level *t, const peri_matrix *a, peri_
         t->alone[i] = 1;
         for (e = a->row[i]; e < a->row[i + 1] && t->alone[i]; e++) t->alone[i] = fabs((double)a->value[e]) <= 0;
     }
+    peri__two_level_live(t);
+    for (i = 0; i < t->n; i++) t->stamp[i] = -1;
     for (i = 0; i < t->parts; i++) peri__coarse_row(t, a, i);
     bad = t->n > 0 ? peri_cholesky_factor(t->factor, &t->coarse, err) : PERI_OK;
     t->ready = !bad;
@@ -5086,17 +5221,19 @@ typedef struct peri__levels {
     peri_real *p;
 } peri__levels;
 
+/* Three sides are by far the most frequent: the compiler is told of them. */
 static void peri__gather_task(int begin, int end, void *context) {
     const peri__levels *l = (const peri__levels *)context;
     const peri_two_level *t = l->t;
     int m, q, sides = t->rhs;
     for (; begin < end; begin++) {
         peri_real sum[3] = {0, 0, 0};
-        for (m = t->first[begin]; m < t->first[begin + 1]; m++) {
-            const peri_real *g = l->g + (ptrdiff_t)sides * t->member[m];
-            if (!t->alone[t->member[m]])
-                for (q = 0; q < sides; q++) sum[q] += g[q];
+        for (m = t->down[begin]; m < t->down[begin + 1] && sides == 3; m++) {
+            const peri_real *g = l->g + 3 * (ptrdiff_t)t->which[m];
+            for (q = 0; q < 3; q++) sum[q] += t->share[m] * g[q];
         }
+        for (m = t->down[begin]; m < t->down[begin + 1] && sides != 3; m++)
+            for (q = 0; q < sides; q++) sum[q] += t->share[m] * l->g[(ptrdiff_t)sides * t->which[m] + q];
         for (q = 0; q < sides; q++) t->sum[(ptrdiff_t)sides * begin + q] = sum[q];
     }
 }
@@ -5104,12 +5241,19 @@ static void peri__gather_task(int begin, int end, void *context) {
 static void peri__spread_task(int begin, int end, void *context) {
     const peri__levels *l = (const peri__levels *)context;
     const peri_two_level *t = l->t;
-    int q, sides = t->rhs;
+    int m, q, sides = t->rhs;
     for (; begin < end; begin++) {
-        const peri_real *sum = t->sum + (ptrdiff_t)sides * t->part[begin];
-        peri_real inverse = t->inverse[begin], share = t->alone[begin] ? 0 : 1;
-        for (q = 0; q < sides; q++)
-            l->p[(ptrdiff_t)sides * begin + q] = l->g[(ptrdiff_t)sides * begin + q] * inverse + share * sum[q];
+        peri_real all[3] = {0, 0, 0};
+        for (m = t->up[begin]; m < t->up[begin + 1] && sides == 3; m++) {
+            const peri_real *sum = t->sum + 3 * (ptrdiff_t)t->node[m];
+            for (q = 0; q < 3; q++) all[q] += t->live[m] * sum[q];
+        }
+        for (m = t->up[begin]; m < t->up[begin + 1] && sides != 3; m++)
+            for (q = 0; q < sides; q++) all[q] += t->live[m] * t->sum[(ptrdiff_t)sides * t->node[m] + q];
+        for (q = 0; q < sides; q++) {
+            ptrdiff_t k = (ptrdiff_t)sides * begin + q;
+            l->p[k] = l->g[k] * t->inverse[begin] + all[q];
+        }
     }
 }
 
@@ -5134,10 +5278,11 @@ void peri_two_level_threads(peri_two_level *t, const peri_parallel *par) {
     if (t->factor) peri_cholesky_threads(t->factor, par);
 }
 
-int peri_two_level_aggregates(const peri_two_level *t) { return t ? t->parts : 0; }
+int peri_two_level_nodes(const peri_two_level *t) { return t ? t->parts : 0; }
 
 size_t peri_two_level_bytes(const peri_two_level *t) {
-    return t ? sizeof *t + t->bytes + peri_cholesky_bytes(t->factor) : 0;
+    size_t entries = t && t->value ? (size_t)t->row[t->parts] + 1 : 0;
+    return t ? sizeof *t + t->bytes + entries * (sizeof(peri_real) + sizeof(int)) + peri_cholesky_bytes(t->factor) : 0;
 }
 
 size_t peri_two_level_entries(const peri_two_level *t) { return t ? peri_cholesky_entries(t->factor) : 0; }
@@ -5149,6 +5294,8 @@ void peri_two_level_destroy(peri_two_level *t) {
     if (!t) return;
     memory = t->memory;
     peri_cholesky_destroy(t->factor);
+    if (t->value)
+        peri__resize(&memory, t->value, ((size_t)t->row[t->parts] + 1) * (sizeof *t->value + sizeof *t->col), 0);
     if (t->line) peri__resize(&memory, t->line, t->bytes, 0);
     peri__resize(&memory, t, sizeof *t, 0);
 }

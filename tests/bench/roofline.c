@@ -116,7 +116,9 @@ static double triangles_bytes(const peri_cholesky *f) {
 
 /* Down: member, alone and g of a row 17, end and sum of an aggregate 16; up: part, inverse, alone, g and p of a row 33,
    sum of an aggregate 12. */
-static double transfer_bytes(const matrix_scene *l) { return 50.0 * l->levels->n + 28.0 * l->levels->parts; }
+static double transfer_bytes(const matrix_scene *l) {
+    return 44.0 * l->levels->n + 16.0 * l->levels->up[l->levels->n] + 28.0 * l->levels->parts;
+}
 
 /* A number of the vectors: two copies and two dots 4 * 8; each pair of the memory, both ways: one vector read and
    written, one read, and, but for the last, a dot with the next. */
@@ -211,10 +213,10 @@ static int measure_matrix(int large) {
     matrix_unmake(&l[0]);
     if (!matrix_make(&l[0], SMALL, PERI_SOLVER_TWO_LEVEL)) return 0;
     for (k = 0; k < 2; k++)
-        measured(k, "two levels: down and up", "rows of an aggregate one by one by their lists",
+        measured(k, "two levels: down and up", "rows of a node one by one by their lists",
                  transfer_bytes(&l[k]), transfer_run, &l[k], l[k].a.n);
     for (k = 0; k < 2; k++)
-        measured(k, "two levels: the whole of it", "the factor of the aggregates",
+        measured(k, "two levels: the whole of it", "the factor of the nodes",
                  transfer_bytes(&l[k]) + triangles_bytes(l[k].levels->factor) - 24.0 * l[k].levels->parts, levels_run,
                  &l[k], l[k].a.n);
     matrix_unmake(&l[0]);
