@@ -55,7 +55,7 @@ panel = 'set xrange [0.5:words(xs) + 0.5]; set yrange [0.5:words(ys) + 0.5]; sta
 
 maps = lists("$1", "$1 != \"elements\"")
 ticked = 1
-lift = 0.4
+lift = "0.4"
 do for [m in maps] {
     keys = lists("$2 \",\" $3", of(m))
     xs = sorted("$4", of(m))
@@ -89,7 +89,7 @@ set terminal pngcairo size wide,tall font ",11"
 set output png
 set tics font ",9"
 set xtics rotate by 45 right
-lift = 0
+lift = "0"
 set multiplot layout words(who),n margins 175.0 / wide,1 - 12.0 / wide,80.0 / tall,1 - 105.0 / tall \
     spacing 52.0 / wide,14.0 / tall title "The stability atlas: ours (first three), and what one would take instead; \
 number: error in %\n".legend font ",12"
