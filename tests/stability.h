@@ -238,9 +238,9 @@ STABILITY_MAY void guide_begin(guide *g, const plan *p, fem_law law, int finer) 
     memset(g, 0, sizeof *g);
     g->p = *p;
     for (c = 0; c < 3; c++) size[c] = p->cells[c] * p->spacing;
-    elements[0] = p->m == MAP_POISSON ? 8 : 4;
-    elements[1] = 1;
-    elements[2] = p->m == MAP_POISSON ? 2 : 1;
+    elements[0] = p->grips == 2 ? 8 : 4;
+    elements[1] = p->m == MAP_SECTION ? 2 : 1;
+    elements[2] = p->grips == 2 ? 2 : 1;
     for (c = 0; finer && c < 3; c++) elements[c] *= 2;
     fem_begin(&g->f, elements, size, law, p->young, p->poisson);
     fem_mass(&g->f, p->density, p->tip_density, p->gravity);

@@ -100,7 +100,7 @@ do for [key_ in who] {
         ys = sorted("$5", of(m))
         set title key_ eq word(who, 1) ? "{/:Bold ".m."}\n".yname(m)." (up)" : "" offset 0,-0.5
         set xlabel ticked ? xname(m) : "" offset 0,0.7
-        small = words(xs) > 6 ? 6 : 9
+        small = words(xs) > 6 || words(ys) > 5 ? 6 : 9
         unset label
         if (m eq word(shown, 1)) {
             set label 1 broken(key_) at graph -0.34,0.55 right
