@@ -99,7 +99,7 @@ do for [key_ in who] {
         xs = sorted("$4", of(m))
         ys = sorted("$5", of(m))
         set title key_ eq word(who, 1) ? "{/:Bold ".m."}\n".yname(m)." (up)" : "" offset 0,-0.5
-        set xlabel ticked ? xname(m) : "" offset 0,0.7
+        set xlabel ticked ? xname(m) : "" offset 0,0
         small = words(xs) > 6 || words(ys) > 5 ? 6 : 9
         unset label
         if (m eq word(shown, 1)) {
