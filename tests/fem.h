@@ -375,7 +375,7 @@ static double fem_most(const double *v, int n) {
 static int fem_newton(fem *f, double dt) {
     int n = 3 * f->nodes, turn, i, fresh, indefinite;
     double last = HUGE_VAL, *from = fem_room(2 * (size_t)n), *p = from + n, bound = 1e-7 * f->size[0];
-    for (turn = 0; turn < 100; turn++) {
+    for (turn = 0; turn < 40; turn++) {
         double energy, slope = 0, t = 1, correction;
         fresh = !f->factored || f->factored_dt != dt;
         energy = fem_energy(f, dt, fresh);
@@ -416,16 +416,31 @@ static int fem_newton(fem *f, double dt) {
     return -1;
 }
 
+/* Where Newton's method loses its way from f->old, as from a start whose volume is far off near Poisson's ratio 1/2:
+   the same step by solutions of softer volumes, the softest first. */
+static int fem_approach(fem *f, double dt) {
+    double lambda = f->lambda;
+    int k, bad = 0;
+    memcpy(f->x, f->old, 3 * (size_t)f->nodes * sizeof *f->x);
+    for (k = 4; k >= 0 && !bad; k--) {
+        f->lambda = ldexp(lambda, -2 * k);
+        f->factored = 0;
+        bad = fem_newton(f, dt);
+    }
+    f->lambda = lambda;
+    return bad;
+}
+
 /* One step of backward Euler, or (dt 0) to rest. Held nodes are where the caller put them. */
 static int fem_step(fem *f, double dt) {
     int i, bad;
-    if (!(dt > 0)) return fem_newton(f, 0);
     memcpy(f->old, f->x, 3 * (size_t)f->nodes * sizeof *f->old);
+    if (!(dt > 0)) return fem_newton(f, 0) && fem_approach(f, 0) ? -1 : 0;
     for (i = 0; i < 3 * f->nodes; i++) {
         f->aim[i] = f->x[i] + dt * f->v[i] + dt * dt * f->gravity[i % 3];
         if (f->held[i / 3]) f->aim[i] = f->x[i];
     }
-    bad = fem_newton(f, dt);
+    bad = fem_newton(f, dt) && fem_approach(f, dt) ? -1 : 0;
     for (i = 0; i < 3 * f->nodes; i++) f->v[i] = (f->x[i] - f->old[i]) / dt;
     return bad;
 }

@@ -36,6 +36,8 @@ typedef struct baseline_def {
     int max_iterations;                 /* of a step: Newton, local/global or sweeps over constraints; 200 */
     int substeps;                       /* of a step, 1 and more; 1 */
     int plain;                          /* Newton: 1 for the textbook's (see newton.h); 0: definite, with line search */
+    int neighbours;                     /* of a particle in bonds, springs, XPBD, least squares: 6, 18 or 26; 26 */
+    const unsigned char *removed;       /* particles: 1 where a cell is empty, for baseline_create only; NULL: none */
 } baseline_def;
 
 typedef struct baseline {
@@ -129,13 +131,24 @@ static void baseline__place(baseline *b, const int n[3], double shift) {
     memcpy(b->x, b->rest, 3 * (size_t)b->count * sizeof(double));
 }
 
-/* A block at rest, nothing fixed. NULL: bad definition, unknown method or no memory. */
+/* An empty cell keeps its number, but nothing pulls at it and it has no volume; it is fixed. */
+static void baseline__empty(baseline *b) {
+    int i;
+    for (i = 0; i < b->count; i++)
+        if (b->def.removed[i]) {
+            b->fixed[i] = 1;
+            b->volume[i] = 0;
+        }
+}
+
+/* A block at rest, nothing fixed but empty cells. NULL: bad definition, unknown method or no memory. */
 BASELINE_MAY baseline *baseline_create(const baseline_def *def) {
     const baseline__method *m = baseline__table + def->method;
     baseline *b;
     size_t count;
     int n[3], a;
     if (!m->create || !(def->spacing > 0) || !(def->young > 0) || !(def->density > 0)) return NULL;
+    if (m->tetrahedra && (def->removed || def->neighbours)) return NULL;
     for (a = 0; a < 3; a++) n[a] = baseline__cells(def, a) + m->tetrahedra;
     count = (size_t)n[0] * (size_t)n[1] * (size_t)n[2];
     b = (baseline *)calloc(1, sizeof *b);
@@ -152,8 +165,12 @@ BASELINE_MAY baseline *baseline_create(const baseline_def *def) {
     b->volume = (double *)calloc(count, sizeof(double));
     b->fixed = (unsigned char *)calloc(count, 1);
     if (b->rest && b->x && b->v && b->mass && b->volume && b->fixed) {
+        int failed;
         baseline__place(b, n, m->tetrahedra ? 0 : 0.5);
-        if (!m->create(b)) return b;
+        if (b->def.removed) baseline__empty(b);
+        failed = m->create(b);
+        b->def.removed = NULL;
+        if (!failed) return b;
     }
     baseline_destroy(b);
     return NULL;

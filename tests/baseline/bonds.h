@@ -1,10 +1,11 @@
-/* tests/baseline/bonds.h - springs from each particle of the lattice to its 26 neighbours: what explicit bonds, the
-   mass-spring method and XPBD share. Included by baseline.h.
+/* tests/baseline/bonds.h - springs from each particle of the lattice to its 26 neighbours (or 18, or 6): what explicit
+   bonds, the mass-spring method and XPBD share. Included by baseline.h.
 
    Along an edge, a face diagonal and a space diagonal of the cell the stiffness is f, e, c (N/m). Under a strain eps
    the energy density is sum k r^2 (n.eps n)^2 / 2 d^3 over the 13 directions, so C1111 = (f + 2 e + 4/3 c) / d and
    C1122 = (e + 4/3 c) / d. Isotropy asks C1111 = 3 C1122, that is f = e + 8/3 c, and then lambda = mu = C1122 = 0.4 E:
-   Poisson's ratio 1/4 (Born and Huang 1954). With c = e / 2: e = 0.24 E d, c = 0.12 E d, f = 0.56 E d, exact inside.
+   Poisson's ratio 1/4 (Born and Huang 1954). With c = e / 2: e = 0.24 E d, c = 0.12 E d, f = 0.56 E d, exact inside;
+   with 18 neighbours f = e = 0.4 E d; with 6 nothing resists shear, and f = 1.2 E d has the right C1111 alone.
    A particle at the surface lacks bonds, and its share of matter would be too soft. The energy method of peridynamics
    (Madenci and Oterkus 2014; compared with others by Le and Bobaru 2018) compares, for stretch along each axis, a whole
    family's energy with the particle's own, and multiplies a bond by the mean of its ends' ratios, between the axes by
@@ -25,9 +26,14 @@ static void baseline__bonds_destroy(baseline__bonds *s) {
     free(s->stiffness);
 }
 
+/* How many of the three coordinates a neighbour may differ in. */
+static int baseline__reach(const baseline_def *def) {
+    return def->neighbours == 6 ? 1 : def->neighbours == 18 ? 2 : 3;
+}
+
 /* The pairs (a < b) of lattice neighbours; returns how many. a and b may be NULL. */
 static int baseline__pairs(const baseline_def *def, int extra, int *a, int *b) {
-    int n[3], at[3], o[3], c, count = 0;
+    int n[3], at[3], o[3], c, first, second, count = 0, reach = baseline__reach(def);
     for (c = 0; c < 3; c++) n[c] = baseline__cells(def, c) + extra;
     for (at[2] = 0; at[2] < n[2]; at[2]++)
         for (at[1] = 0; at[1] < n[1]; at[1]++)
@@ -37,8 +43,12 @@ static int baseline__pairs(const baseline_def *def, int extra, int *a, int *b) {
                     o[1] = at[1] + c / 3 % 3 - 1;
                     o[2] = at[2] + c / 9 - 1;
                     if (o[0] < 0 || o[0] >= n[0] || o[1] < 0 || o[1] >= n[1] || o[2] >= n[2]) continue;
-                    if (a) a[count] = at[0] + n[0] * (at[1] + n[1] * at[2]);
-                    if (b) b[count] = o[0] + n[0] * (o[1] + n[1] * o[2]);
+                    if ((c % 3 != 1) + (c / 3 % 3 != 1) + (c / 9 != 1) > reach) continue;
+                    first = at[0] + n[0] * (at[1] + n[1] * at[2]);
+                    second = o[0] + n[0] * (o[1] + n[1] * o[2]);
+                    if (def->removed && (def->removed[first] || def->removed[second])) continue;
+                    if (a) a[count] = first;
+                    if (b) b[count] = second;
                     count++;
                 }
     return count;
@@ -74,7 +84,8 @@ static void baseline__bonds_correct(baseline__bonds *s, const baseline *b, doubl
 
 /* Returns 0 on success. */
 static int baseline__bonds_create(baseline__bonds *s, const baseline *b) {
-    static const double share[4] = {0, 0.56, 0.24, 0.12};
+    static const double shares[3][4] = {{0, 1.2, 0, 0}, {0, 0.4, 0.4, 0}, {0, 0.56, 0.24, 0.12}};
+    const double *share = shares[baseline__reach(&b->def) - 1];
     double d = b->def.spacing, y[3], *sum = (double *)calloc(3 * (size_t)b->count, sizeof(double));
     size_t room = (size_t)(s->count = baseline__pairs(&b->def, 0, NULL, NULL)) + 1;
     int k;

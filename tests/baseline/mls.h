@@ -1,11 +1,11 @@
 /* tests/baseline/mls.h - points with a deformation gradient by moving least squares, implicit Euler by Newton (Mueller,
    Keiser, Nealen, Pauly, Gross and Alexa 2004). Included by baseline.h.
 
-   F_i = (sum w (x_j - x_i) xi^T) (sum w xi xi^T)^-1 over the 26 neighbours, w = (1 - r^2 / 4 d^2)^3, neo-Hookean energy
+   F_i = (sum w (x_j - x_i) xi^T) (sum w xi xi^T)^-1 over the neighbours, w = (1 - r^2 / 4 d^2)^3, neo-Hookean energy
    V Psi(F_i), forces its exact derivative. Inversion by signed singular values and an energy continued below stretch
    0.25 (Irving et al. 2004, Stomakhin et al. 2012). Nothing stabilises: inside a lattice x_i itself drops out of F_i,
-   and motion that alternates from point to point costs nothing (Ganzenmueller 2015 names the remedies). A block one
-   cell thin has no F. */
+   and motion that alternates from point to point costs nothing (Ganzenmueller 2015 names the remedies). A
+   particle whose neighbours lie in a plane has no F, and no volume for it; a block of nothing else is not made. */
 #ifndef PERI_BASELINE_MLS_H
 #define PERI_BASELINE_MLS_H
 
@@ -127,7 +127,7 @@ static int baseline__mls_weigh(baseline__mls *o, const baseline *b, int i) {
 
 static int baseline__mls_create(baseline *b) {
     baseline__mls *o = (baseline__mls *)calloc(1, sizeof *o);
-    int pairs = baseline__pairs(&b->def, 0, NULL, NULL), i, bad;
+    int pairs = baseline__pairs(&b->def, 0, NULL, NULL), some = 0, i, bad;
     int *first = (int *)malloc(((size_t)pairs + 1) * sizeof(int));
     int *second = (int *)malloc(((size_t)pairs + 1) * sizeof(int));
     b->own = o;
@@ -142,8 +142,11 @@ static int baseline__mls_create(baseline *b) {
     }
     free(first);
     free(second);
-    for (i = 0; !bad && i < b->count; i++) bad = baseline__mls_weigh(o, b, i);
-    return bad;
+    for (i = 0; !bad && i < b->count; i++) {
+        if (b->volume[i] > 0 && baseline__mls_weigh(o, b, i)) b->volume[i] = 0;
+        some += b->volume[i] > 0;
+    }
+    return bad || !some;
 }
 
 static void baseline__mls_destroy(baseline *b) {

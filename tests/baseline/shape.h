@@ -12,7 +12,7 @@
 #define PERI_BASELINE_SHAPE_H
 
 typedef struct baseline__shape {
-    int count, *member;                 /* clusters; 8 count */
+    int count, *member;                 /* clusters; 8 count, -1 where a cell is empty */
     int *clusters;                      /* of a particle */
     double *start, *goal;               /* 3 b->count; goal: sum over the clusters */
 } baseline__shape;
@@ -32,8 +32,10 @@ static int baseline__shape_create(baseline *b) {
         for (j = 0; j < n[1] - 1; j++)
             for (i = 0; i < n[0] - 1; i++)
                 for (c = 0; c < 8; c++, a++) {
-                    o->member[a] = i + (c & 1) + n[0] * (j + (c >> 1 & 1) + n[1] * (k + (c >> 2)));
-                    o->clusters[o->member[a]]++;
+                    int at = i + (c & 1) + n[0] * (j + (c >> 1 & 1) + n[1] * (k + (c >> 2)));
+                    int empty = b->def.removed && b->def.removed[at];
+                    o->member[a] = empty ? -1 : at;
+                    if (!empty) o->clusters[at]++;
                 }
     return 0;
 }
@@ -47,10 +49,13 @@ static void baseline__shape_destroy(baseline *b) {
 }
 
 /* Adds where the rigid motion closest to x takes the cluster's particles to their goals. */
-static void baseline__shape_match(const baseline__shape *o, const baseline *b, const int *member) {
+static void baseline__shape_match(const baseline__shape *o, const baseline *b, const int *eight) {
     double now[3] = {0}, rest[3] = {0}, map[9] = {0}, r[9], m, total = 0;
-    int k, c, e;
-    for (k = 0; k < 8; k++) {
+    int member[8], count = 0, k, c, e;
+    for (k = 0; k < 8; k++)
+        if (eight[k] >= 0) member[count++] = eight[k];
+    if (!count) return;
+    for (k = 0; k < count; k++) {
         total += m = b->mass[member[k]] / o->clusters[member[k]];
         for (c = 0; c < 3; c++) {
             now[c] += m * b->x[3 * member[k] + c];
@@ -61,12 +66,12 @@ static void baseline__shape_match(const baseline__shape *o, const baseline *b, c
         now[c] /= total;
         rest[c] /= total;
     }
-    for (k = 0; k < 8; k++)
+    for (k = 0; k < count; k++)
         for (m = b->mass[member[k]] / o->clusters[member[k]] / total, c = 0; c < 3; c++)
             for (e = 0; e < 3; e++)
                 map[3 * c + e] += m * (b->x[3 * member[k] + c] - now[c]) * (b->rest[3 * member[k] + e] - rest[e]);
     peri_polar3(map, r);
-    for (k = 0; k < 8; k++)
+    for (k = 0; k < count; k++)
         for (c = 0; c < 3; c++)
             for (o->goal[3 * member[k] + c] += now[c], e = 0; e < 3; e++)
                 o->goal[3 * member[k] + c] += r[3 * c + e] * (b->rest[3 * member[k] + e] - rest[e]);
