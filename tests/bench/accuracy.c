@@ -496,7 +496,7 @@ static void write_row(FILE *csv, const row *r) {
                                           "all+model+solver"};
     const char *lbfgs = r->by ? "" : r->s.lbfgs ? "on" : "off";
     if (r->lost) return;
-    fprintf(csv, "%s,%s,%s,%s,%g,%.8g,%d,%s,%s,%.5g,%.3g", scene_name[r->s.scene], name_of(r),
+    fprintf(csv, "%s,\"%s\",%s,%s,%g,%.8g,%d,%s,%s,%.5g,%.3g", scene_name[r->s.scene], name_of(r),
             r->by ? "" : solver_name[r->s.solver], lbfgs, r->s.tolerance, r->s.step, r->s.across,
             r->s.bdf2 ? "BDF2" : "backward Euler", r->wide ? "double" : "float", r->ms, r->spread);
     write_error(csv, r->solver);
@@ -578,7 +578,7 @@ static void table_steps(bench *b, int scene) {
     if (!moving(scene)) return;
     head("steps: ms, error_step");
     for (bdf2 = 0; bdf2 < 2; bdf2++)
-        for (k = 30; k <= (cubic(scene) ? 480 : 240); k *= 2) {
+        for (k = 30; k <= (b->full ? 240 : 120) << cubic(scene); k *= 2) {
             printf("  1/%-3d s, %-23s", k, bdf2 ? "BDF2" : "backward Euler");
             for (model = 0; model < MODELS; model++) {
                 setup s = base(b, scene, model);
