@@ -32,8 +32,8 @@
    On the swing the methods of tests/baseline stand beside peri (accuracy/baseline.c), with 2 to 8 cells across (quick:
    2 and 4) and steps of 1/30 to 1/240 s, their error_step being to the last; the ratio of times at equal error is
    printed. So do Bullet's soft bodies (accuracy/bullet.cpp) where it is installed (apt-get install libbullet-dev), on
-   drop and pile, too, with steps down to 1/1920 s (quick: 1/960, 1/480), as they need them there. Runs that fall through the
-   ground or burst are listed as lost.
+   drop and pile, too, with steps down to 1/1920 s (quick: 1/960, 1/480), as they need them there. Runs that fall through
+   the ground or burst are listed as lost.
 
    Prints tables; writes all runs as CSV to the file named as the first argument. Second argument: quick or full. More
    arguments: names of scenes, only these. Run it from the top of the checkout: the figure is read from examples/models.
@@ -116,8 +116,8 @@ static int cubic(int scene) { return scene == DROP || scene == PILE; }
    first 0.2 s, 0.5 % from 2 boxes at the end; 1/240 s is 0.02 % off.
    stretch: nominal Pa at stretches 1.05 to 1.5, quarter model, 3 boxes over the half height.
    twist: at rest at 18, 36, ... 180 degrees, 6 boxes over the side; 4 boxes are 0.4 % off.
-   drop, pile: accuracy/reference.c, of 16 bricks over the side (12: 2 % off; a bed 2.5 times as soft with twice the step: 2 %)
-   and of 12 (8: 7 % off: after the second landing each bounce decides the next). */
+   drop, pile: accuracy/reference.c. Drop: 16 bricks over the side; 12 are 2.0 % off, a bed 2.5 times as soft with twice
+   the step 1.4 %. Pile: 12 bricks; 8 are 5.1 % off, since after the second landing each bounce decides the next. */
 static const double swing_reference[15][SEEN] = {
     {-0.0000001, -0.0054499}, {-0.0000991, -0.0217752}, {-0.0011106, -0.0603351}, {-0.0058275, -0.1189191},
     {-0.0174575, -0.1882599}, {-0.0362457, -0.2591570}, {-0.0574137, -0.3251376}, {-0.0841595, -0.3937308},
@@ -138,7 +138,7 @@ static const double pile_reference[15][SEEN] = {
 
 /* Errors below this say nothing: how far the references themselves can be wrong. */
 static double trusted(const bench *b, int scene) {
-    return scene == FALL ? b->fine_off : scene == DROP ? 0.04 : scene == PILE ? 0.06 : 0.005;
+    return scene == FALL ? b->fine_off : scene == DROP ? 0.02 : scene == PILE ? 0.051 : 0.005;
 }
 
 static double reference(const bench *b, int scene, int moment, int c) {
@@ -188,7 +188,7 @@ static setup base(const bench *b, int scene, int model) {
     s.across = base_across(b, scene);
     s.bdf2 = 1;
     s.max_iterations = 200;
-    s.patience = b->full ? 20000 : cubic(scene) ? 4000 : 1000;
+    s.patience = b->full ? cubic(scene) ? 10000 : 20000 : cubic(scene) ? 4000 : 1000;
     return s;
 }
 

@@ -12,11 +12,11 @@
                       no Pa, so its stiffness is what the sweeps leave
 
    Contact, as tried and found best: nodes against the ground (SDF_RD with SDF_RDN; without the second nothing touches
-   it), nodes against faces between bodies (VF_DD); the ground a box 5 m deep, margins and the cells of its distance field
-   in proportion to the mesh; setUseProjection(true), without which cubes sink in. On the drop lengths scaled by 10 or
-   30, margins of 0.05 to 0.5 cells, m_deformable_erp of 0.06 or 0.3 and a largest correction of 0.1 or 200 make little
-   difference. In the pile margins of 0.25 cells throw the cubes up, and so do all with friction off. With a line search
-   (Newton) the cubes do what they do without. */
+   it), nodes against faces between bodies (VF_DD); the ground a box 5 m deep, margins and the cells of its distance
+   field in proportion to the mesh; setUseProjection(true), without which cubes sink in and burst. On the drop lengths
+   scaled by 10 or 30, margins of 0.05 to 0.5 cells, m_deformable_erp of 0.06 or 0.3 and a largest correction of 0.1 or
+   200 make little difference to the neo-Hookean cubes; the corotated ones burst when scaled. In the pile margins of 0.25
+   cells throw the cubes up, and without friction they fall off. A line search (Newton) changes nothing on the drop. */
 #include <BulletSoftBody/btDeformableBodySolver.h>
 #include <BulletSoftBody/btDeformableLinearElasticityForce.h>
 #include <BulletSoftBody/btDeformableMultiBodyConstraintSolver.h>
@@ -91,7 +91,8 @@ struct floor_body {
 
     /* Nodes stop a margin above it. */
     explicit floor_body(double gap)
-        : shape(btVector3(5, 5, 5)), place(btTransform(btQuaternion::getIdentity(), btVector3(0, 0, (btScalar)(-5 - gap)))),
+        : shape(btVector3(5, 5, 5)),
+          place(btTransform(btQuaternion::getIdentity(), btVector3(0, 0, (btScalar)(-5 - gap)))),
           body(btRigidBody::btRigidBodyConstructionInfo(0, &place, &shape)) {}
 };
 
@@ -296,8 +297,10 @@ int cubes(const rival *by, const setup *s, course *out) {
         }
         out->seen[m][0] = sum / mass;
         out->seen[m][1] = now[count - 1] - first[count - 1];
-        if (s->scene == DROP)
-            out->seen[m][1] = (double)(face(t.bodies[0], g, 2, n) - face(t.bodies[0], g, 2, 0)).z() - scene_side(DROP, 0);
+        if (s->scene == DROP) {
+            const btVector3 tall = face(t.bodies[0], g, 2, n) - face(t.bodies[0], g, 2, 0);
+            out->seen[m][1] = (double)tall.z() - scene_side(DROP, 0);
+        }
     }
     return !out->lost;
 }
