@@ -32,8 +32,8 @@
    On the swing the methods of tests/baseline stand beside peri (accuracy/baseline.c), with 2 to 8 cells across (quick:
    2 and 4) and steps of 1/30 to 1/240 s, their error_step being to the last; the ratio of times at equal error is
    printed. So do Bullet's soft bodies (accuracy/bullet.cpp) where it is installed (apt-get install libbullet-dev), on
-   drop and pile, too, with steps down to 1/1920 s (quick: 1/960, 1/480), as they need them there. Runs that fall through
-   the ground or burst are listed as lost.
+   drop and pile, too, with steps down to 1/1920 s (quick: 1/960, 1/480), as they need them there. Runs that fall
+   through the ground or burst are listed as lost.
 
    Prints tables; writes all runs as CSV to the file named as the first argument. Second argument: quick or full. More
    arguments: names of scenes, only these. Run it from the top of the checkout: the figure is read from examples/models.

@@ -15,8 +15,9 @@
    it), nodes against faces between bodies (VF_DD); the ground a box 5 m deep, margins and the cells of its distance
    field in proportion to the mesh; setUseProjection(true), without which cubes sink in and burst. On the drop lengths
    scaled by 10 or 30, margins of 0.05 to 0.5 cells, m_deformable_erp of 0.06 or 0.3 and a largest correction of 0.1 or
-   200 make little difference to the neo-Hookean cubes; the corotated ones burst when scaled. In the pile margins of 0.25
-   cells throw the cubes up, and without friction they fall off. A line search (Newton) changes nothing on the drop. */
+   200 make little difference to the neo-Hookean cubes; the corotated ones burst when scaled. In the pile margins of
+   0.25 cells throw the cubes up, and without friction they fall off. A line search (Newton) changes nothing on the
+   drop. */
 #include <BulletSoftBody/btDeformableBodySolver.h>
 #include <BulletSoftBody/btDeformableLinearElasticityForce.h>
 #include <BulletSoftBody/btDeformableMultiBodyConstraintSolver.h>
