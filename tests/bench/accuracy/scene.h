@@ -13,8 +13,8 @@
               0.4 s. Seen: by how much the height of the centre of mass, and the rms distance of the matter from it
               along z, have changed, m.
      drop     a cube of 0.2 m, E = 1e5 Pa, 1000 kg/m^3, 0.05 m above the ground, comes down flat at 2 m/s, no
-              friction; 7/30 s: it is pressed by a fifth, bounces, and is highest then. Seen: by how much the height of the centre
-              of mass, and the mean height of its upper face over its lower one, have changed, m.
+              friction; 7/30 s: it is pressed by a fifth, bounces, and is highest then. Seen: by how much the height of
+              the centre of mass, and the mean height of its upper face over its lower one, have changed, m.
      pile     three such cubes, of 0.24, 0.2 and 0.16 m, each 0.02 m above the one below, let go 0.02 m above the
               ground, friction 0.5; 1 s. Seen: by how much the height of the centre of mass of all, and of that of the
               uppermost, has changed, m. */
