@@ -1,7 +1,9 @@
 /* tests/bench/accuracy.c - speed against accuracy: what a simulated second costs, and how wrong it is, on six scenes
    (accuracy/scene.h), for every model, solver, tolerance, step, integrator, precision and number of particles.
 
-       make bench BENCH=accuracy CFLAGS="-O3 -march=native" && make charts    (SIZE=quick: 2 minutes; SIZE=full: 25)
+       make bench BENCH=accuracy CFLAGS="-O3 -march=native" && make charts
+
+   Processor time: SIZE=quick 3 minutes; SIZE=full 23, and the pile.
 
    Errors are rms over the moments of a scene, relative to the rms motion (or force):
      error_solver     positions of all particles, to the converged solution of the same particles, model, step and
