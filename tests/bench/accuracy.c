@@ -9,7 +9,7 @@
      error_solver     positions of all particles, to the converged solution of the same particles, model, step and
                       integrator: double, Cholesky, tolerance 1e-10
      error_step       what is seen of the scene, to the same particles and model with time and solver converged
-                      (double, BDF2, 1/480 s, cubes 1/960 s, tolerance 1e-6): what solver, step and integrator leave together
+                      (double, BDF2, 1/480 s, drop 1/960 s, tolerance 1e-6): what solver, step and integrator leave
      error_continuum  what is seen, to the continuum: finite elements (FEniCS, quadratic tetrahedra, neo-Hookean) for
                       swing, stretch and twist; an explicit code of bricks (accuracy/reference.c) for drop and pile. For
                       fall there are none: a fine run of the correspondence model stands for it, which leaves that
