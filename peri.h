@@ -61,34 +61,38 @@
        time step      any that is finite; tuned for 1/240 to 1/30 s. Backward Euler loses motion, BDF2 less: of a
                       vibration with 20 steps a period 0.06 and 57 % of the energy are left after three periods.
        stretch        0.3 to 2.5 (healthy_min, healthy_max of the material): beyond, a particle is pulled back to shape.
-                      Pressed matter buckles inside before that: correspondence is right to 0.7 along one axis where it
-                      is held all around (0.8 along two), and in a gripped bar with free sides (force 0.73 of finite
-                      elements at 0.6, 0.44 at 0.55); `stabiliser` 6 holds to 0.6, 10 to 0.55. St. Venant-Kirchhoff has
-                      that flaw by its own law, below 0.6. Under more load than they can bear the stretch models fold
-                      through themselves at a clamp, and such a step takes hundreds of iterations.
+                      Correspondence holds from 0.35 to 2.4, along two axes too (a cube of 6^3 by its surface), but not
+                      at 0.35 along both or at 2.4 with 0.5, where particles pass those limits. St. Venant-Kirchhoff
+                      softens when pressed by its own law. Under more load than they can bear the stretch models fold
+                      through themselves at a clamp, and such a step takes hundreds of iterations; A1/A1 is lost in
+                      some pressed cells from 0.7 down.
        nu             correspondence and stretch: -0.99 to 0.49; projective: 1/4 whatever is asked. Of a gripped bar 4
-                      across correspondence is within 10 % to 0.4, 12 % at 0.49, 16 to 29 % too stiff at 0.499, and
-                      above 10 % at -0.5; St. Venant-Kirchhoff above 10 % from 0.25 on; stretch within 10 % near 0.25
-                      only; projective 31 % off at 0.4, 50 % at 0 and 0.49.
+                      across correspondence is within 10 % to 0.4, 12 % at 0.49, 16 to 31 % too stiff at 0.499, and
+                      above 10 % at -0.5; St. Venant-Kirchhoff 13 to 18 % from 0 to 0.45, up to 21 % at 0.499; stretch
+                      8 to 12 % from 0 to 0.25, 16 % at 0.4, 33 to 45 % at 0.49 and more; projective 23 % at 0.25, 31 %
+                      at 0.4, 50 % at 0 and 0.49.
        accuracy       correspondence: within 5 % of finite elements with 8 particles across, 8 to 9 % with 4
                       (cantilever tip); stretch 11 to 17 % and projective 21 % too stiff with 8 across, by their
-                      surfaces; projective torsion 36 % too stiff with 8 across. Stress 30 % off neo-Hookean at a
-                      stretch of 0.7 and 60 % at 1.5: linear, A1/A1, projective. The outermost gap under a load through
+                      surfaces (4 across 9 to 16 and 27 to 39 %); projective torsion 36 % too stiff with 8 across.
+                      Stress off neo-Hookean at stretches of 0.7, 1.5, 2: 30, 60, 109 % linear, projective; 68 % A1/A1
+                      at 2. The outermost gap under a load through
                       a face is 1.5 times too stiff: 5 layers shorten 0.8 of the exact value.
-       thin solids    one row or layer of 3 or more is 11 to 13 % off across (correspondence, stretch): take sheets.
+       thin solids    one row or layer of 4 is 13 % off across (correspondence, stretch), of 3 10 %: take sheets.
        missing        the answer stays within 10 % while of a lattice's inner particles at most so many are taken out:
-                      none with 6 neighbours, 20 % with 18 (horizon 1.45), 60 % with 26, 80 % with 122.
+                      none with 6 neighbours, 20 % with 18 (horizon 1.45), 60 % with 26, 80 % with 122; St. Venant-
+                      Kirchhoff and stretch 20 % with 26.
        solvers        AUTO, Cholesky and two levels: no capped steps for E 1e3 to 1e9 at steps of 1 ms to 10 s.
                       Chebyshev meets the cap for stiff bodies at long steps, Jacobi and position-based averaging from
-                      1e6 Pa at 1/30 s on (E h^2 above 1000 at d 25 mm), mostly a few per cent, up to 26 % off there.
+                      1e6 Pa at 1/30 s on (E h^2 above 1000 at d 25 mm), mostly a few per cent, up to 26 % off there;
+                      and where nu is 0.49 or particles are taken out.
        sheets         within 1 % of plate theory with 16 points along (clamped, under its weight; lowest vibrations of a
                       free plate 12 x 12), a pinched tube 3 % with 24 around and 1 % with 48; scattered points 4 %.
                       Where `bending` makes a sheet as rigid as one 6 spacings thick, the default tolerance leaves 2 %
                       of a deflection undone, at 20 spacings 7 %. Folds and mirror images are not out of shape for a
                       sheet.
        recovery       from plane, line, point, mirror image and shuffle; in thin limbs a knot of a few particles can
-                      stay. Stretch linear may stay for good in a wrong shape (line, shuffle at 1/30 s), A1/A1 and
-                      projective 0.1 d off it.
+                      stay. Stretch linear may stay for good in a wrong shape (line, shuffle at 1/30 s, mirror image at
+                      0.1 s and 1 ms), A1/A1 and projective 0.1 d off it.
        momentum       kept to rounding by the forces of stretch and correspondence; the projective model's have a torque
                       (0.012 E d^3 at forces of 0.4 E d^2): free bodies are corrected (keep_momentum), held ones not.
        contact        particles sink into what they touch by their weight over the stiffness of their bonds: 0.01 to
@@ -115,7 +119,8 @@
        solve, islands and sleep, the step, looking, skins
 
    HISTORY
-       0.3.0  two-level solver, AUTO by counted cost; forces of 16 particles at once, lattices with one stencil
+       0.3.0  two-level solver, AUTO by counted cost; forces of 16 particles at once, lattices with one stencil; pressed
+              matter no longer buckles between its bonds
        0.2.0  bodies touch each other and themselves; sheets, rods, attachments, materials per particle, sleep
        0.1.0  first version: elastic bodies, colliders, sampling, skins
 */
@@ -6390,16 +6395,17 @@ typedef struct peri__health {
     peri__body *b;
     const peri__bonds *bonds;
     peri_real *brace;   /* of a correspondence solid's particles, or NULL */
+    peri_real share;    /* of the braces: under BDF2, which loses less, what they add step by step would be seen */
     int fill;           /* second pass: shapes of the unhealthy into special */
 } peri__health;
 
 /* 1 where a particle is out of shape. */
-static peri_real peri__brace_one(const peri__matter *m, const double f[9], int bad) {
+static peri_real peri__brace_one(const peri__health *p, const peri__matter *m, const double f[9], int bad) {
     peri__row wide[9];
     peri_real brace[PERI__LANES];
     int k;
     for (k = 0; k < 9; k++) wide[k][0] = (peri_real)f[k];
-    peri__brace(m, 1, wide, brace);
+    peri__brace(m, 1, wide, p->share, brace);
     return bad ? 1 : brace[0];
 }
 
@@ -6421,7 +6427,7 @@ static void peri__health_one(const peri__health *p, int i) {
     if (sheet) bad = peri__unhealthy_sheet(m, f, h, p->bonds->normal + 3 * (size_t)i, fhat);
     else bad = peri__unhealthy(m, f, strain ? h : NULL, fhat);
     mode[i] = bad ? PERI__RESTORED : PERI__MAIN;
-    if (p->brace) p->brace[i] = peri__brace_one(m, f, bad);
+    if (p->brace) p->brace[i] = peri__brace_one(p, m, f, bad);
     for (k = 0; k < 9 && p->fill; k++) p->w->special[9 * (size_t)(p->b->first + i) + (size_t)k] = fhat[k];
 }
 
@@ -6440,7 +6446,8 @@ static void peri__health_lanes_task(int begin, int end, void *context) {
     int q, l, plain = (double)m->healthy_min < 0.7 && (double)m->healthy_max > 1.23;
     peri__row away, brace;
     for (q = begin; q < end; q++) {
-        peri__lanes_away(p->bonds, t, &p->b->matter, q, p->b->moment != NULL, away, p->brace ? brace : NULL);
+        peri__lanes_away(p->bonds, t, &p->b->matter, q, p->b->moment != NULL, away, p->share,
+                        p->brace ? brace : NULL);
         for (l = 0; l < PERI__LANES; l++) {
             int i = t->who[PERI__LANES * q + l];
             if (i < 0) continue;
@@ -6464,6 +6471,7 @@ static peri_result peri__health_check(peri_world *w, peri__body *b) {
     p.b = b;
     p.bonds = peri__view(w, b);
     p.brace = b->moment && !b->normal ? w->brace + b->first : NULL;
+    p.share = w->def.integrator == PERI_BDF2 ? PERI__R(0.5) : 1;
     p.fill = 0;
     if (b->matter.restore > 0 && peri__lanes_place(w, b, w->x0 + 3 * (size_t)b->first))
         peri_parallel_for(par, b->lanes.blocks, PERI__LANES_GRAIN, peri__health_lanes_task, &p);

@@ -105,7 +105,8 @@ typedef struct peri_material {
     peri_real lambda, mu;       /* Lame's parameters, Pa; mu > 0, lambda > -2/3 mu */
     peri_law_function *psi;     /* PERI_LAW_USER; lambda and mu must still hold the small-strain values */
     void *context;
-    peri_real stabiliser;       /* correspondence: resistance to non-affine bonds, in 15/2 mu; 0 to 10 */
+    peri_real stabiliser;       /* correspondence: resistance to non-affine bonds, in 15/2 mu; 0 to 10. Of pressed matter
+                                   more is used, unless it is 0: see peri__brace */
     peri_real healthy_min;      /* a particle whose smallest singular value of Fbar (signed) is below this, ... */
     peri_real healthy_max;      /* ... or whose largest is above this, is pulled back to shape; 0.3 and 2.5 */
     peri_real restore;          /* stiffness of that pull, in 15/2 mu; 0 switches the recovery off */
@@ -2017,12 +2018,12 @@ PERI__SHARED int peri__unhealthy(const peri__matter *m, const double f[9], const
    each other, and pressure drives just that, so that pressed matter would buckle between its bonds. So pressed
    particles have it B times as stiff for the step, with S = tr C^-1 - (tr C)/2 - 3/2 above 0 and D = det C below 1
        B = 3/4 + 3 S^2 + 0.3 lambda/mu (1 - D)^2/D tr^2 C^-1,   at least 1, at most 64
-   at a stabiliser of 2.25 (t B is what counts). The energy of every wave on an affinely pressed lattice of 26 neighbours
-   is positive from a fifth of this on (one, two, three axes pressed to 0.4, nu 0 to 0.45; 122 neighbours need less); the
-   rest is for one-sided families and for what a single step adds: with half of it, a beam that hangs by its clamp
-   still folds there. C is that of Fbar, which sees through what has buckled already; B stays for a step, as its
-   derivative would press on matter that is merely bent. f: Fbar. */
-PERI__INLINE void peri__brace(const peri__matter *m, int n, peri__row *f, peri_real *brace) {
+   at a stabiliser of 2.25 (t B is what counts). The energy of every wave on an affinely pressed lattice of 26
+   neighbours is positive from a fifth of this on (one, two, three axes pressed to 0.4, nu 0 to 0.45; 122 neighbours
+   need less); the rest is for one-sided families and for what a single step adds: with less, a beam that hangs by its
+   clamp still folds there. C is that of Fbar, which sees through what has buckled already; B stays for a step, as its
+   derivative would press on matter that is merely bent. share: of what B is above 1. f: Fbar. */
+PERI__INLINE void peri__brace(const peri__matter *m, int n, peri__row *f, peri_real share, peri_real *brace) {
     int l;
     PERI__EACH_OF(l, n) {
         const peri_real a = f[0][l], d = f[1][l], e = f[2][l], g = f[3][l], i = f[4][l], j = f[5][l];
@@ -2038,19 +2039,19 @@ PERI__INLINE void peri__brace(const peri__matter *m, int n, peri__row *f, peri_r
         const peri_real lost = volume < 1 ? 1 - volume : 0;
         const peri_real b = (PERI__R(0.25) + shape * shape) * m->brace_shape +
                             m->brace_volume * lost * lost / volume * t * t;
-        brace[l] = b < 1 ? 1 : b < PERI__BRACE_MOST ? b : PERI__BRACE_MOST;
+        brace[l] = 1 + share * (!(b > 1) ? 0 : b < PERI__BRACE_MOST ? b - 1 : PERI__BRACE_MOST - 1);
     }
 }
 
 /* |C - 1|^2 of a block's particles as peri__unhealthy sums it, huge where det Fbar is not positive: below 1/4 a
-   particle is in shape, and nobody need look closer. strain: the correspondence model's C - 1 counts too. brace: as of
-   peri__brace, or NULL. */
+   particle is in shape, and nobody need look closer. strain: the correspondence model's C - 1 counts too. share, brace:
+   as of peri__brace; brace may be NULL. */
 PERI__SHARED void peri__lanes_away(const peri__bonds *b, const peri__lanes *t, const peri__matter *m, int block,
-                                   int strain, peri_real *away, peri_real *brace) {
+                                   int strain, peri_real *away, peri_real share, peri_real *brace) {
     peri__row f[9], h[6];
     int l, c;
     peri__lanes_fit(b, t, block, f, strain ? h : NULL);
-    if (brace) peri__brace(m, PERI__LANES, f, brace);
+    if (brace) peri__brace(m, PERI__LANES, f, share, brace);
     PERI__EACH(l) {
         const peri_real a = f[0][l], d = f[1][l], e = f[2][l], g = f[3][l], i = f[4][l], j = f[5][l];
         const peri_real o = f[6][l], p = f[7][l], q = f[8][l], det = a * (i * q - j * p) + d * (j * o - g * q) +

@@ -14,7 +14,7 @@
     {"poisson", "corotated tetrahedra", "gggyy yyyyy"},
     {"poisson", "shape matching", "yyyRR RRRRR"},
     {"poisson", "XPBD", "yyyyy ygyyy"},
-    {"stretch", "correspondence neo-Hookean", "yyyyy yyggg ygggg"},
+    {"stretch", "correspondence neo-Hookean", "ggggg ggggg ggggg"},
     {"stretch", "explicit bonds", "yyyyy yyygy yyggy"},
     {"stretch", "mass-spring", "yyygy ygggy ygggy"},
     {"stretch", "least-squares gradient", "yyyyy yyyyy yygyy"},

@@ -191,7 +191,7 @@ static void settled_steps(void) {
     a.other = id[5];
     a.rope = 1;
     CHECK(peri_attachment_create(w, &a).index1);
-    run(w, 120);
+    run(w, 240);    /* until the stack stands and each cube has taken the factor that it keeps */
     before = peri_world_stats(w).allocations;
     run(w, 120);
     CHECK(peri_world_stats(w).allocations == before);

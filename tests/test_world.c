@@ -292,7 +292,7 @@ static void pressed_block(void) {
     double worst = 0, stress = 0;
     int k, r, nu;
     for (k = 0; k < 3; k++)
-        for (nu = 0; nu < 2; nu++)
+        for (nu = k > 0; nu < 2; nu++) /* the stiffer one of both is the harder */
             for (r = 0; r < 5; r++) {
                 peri_material m = material_of(kinds[k], 1e5, nu ? 0.4 : 0.25);
                 double off, e;
