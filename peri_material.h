@@ -105,8 +105,8 @@ typedef struct peri_material {
     peri_real lambda, mu;       /* Lame's parameters, Pa; mu > 0, lambda > -2/3 mu */
     peri_law_function *psi;     /* PERI_LAW_USER; lambda and mu must still hold the small-strain values */
     void *context;
-    peri_real stabiliser;       /* correspondence: resistance to non-affine bonds, in 15/2 mu; 0 to 10. Of pressed matter
-                                   more is used, unless it is 0: see peri__brace */
+    peri_real stabiliser;       /* correspondence: resistance to non-affine bonds, in 15/2 mu; 0 to 10. Pressed
+                                   matter gets more of it: see peri__brace */
     peri_real healthy_min;      /* a particle whose smallest singular value of Fbar (signed) is below this, ... */
     peri_real healthy_max;      /* ... or whose largest is above this, is pulled back to shape; 0.3 and 2.5 */
     peri_real restore;          /* stiffness of that pull, in 15/2 mu; 0 switches the recovery off */
