@@ -6800,7 +6800,7 @@ typedef struct peri__solve {
     int evaluations;
     int refreshed;              /* how often the contacts followed */
     double energy, energy1;     /* at x, at the trial */
-    double floors;              /* the last correction in PERI__FLOOR */
+    double floors;              /* the last correction in PERI__FLOOR; huge where not all bodies are pressed */
 } peri__solve;
 
 static peri__body *peri__first(const peri__solve *s) { return peri__body_at(s->w, s->island.first); }
@@ -7028,7 +7028,7 @@ static double peri__largest(const peri_real *p, int n) {
     return sqrt(largest[0]);
 }
 
-#define PERI__FLOOR (sizeof(peri_real) > 4 ? 1e-15 : 2e-7)      /* of a stretch: what forces can tell at rest */
+#define PERI__FLOOR (sizeof(peri_real) > 4 ? 1e-15 : 2e-7)      /* of a bond: what pressed matter can tell */
 
 /* Largest correction of any body, in its tolerance; *length: in m. */
 static double peri__corrections(peri__solve *s, double *length) {
@@ -7039,7 +7039,8 @@ static double peri__corrections(peri__solve *s, double *length) {
         double largest = peri__largest(s->p + 3 * (size_t)(b->at - s->island.at), 3 * b->count);
         if (largest > *length) *length = largest;
         if (largest > worst * b->tolerance) worst = largest / b->tolerance;
-        if (largest > s->floors * PERI__FLOOR * b->spacing) s->floors = largest / (PERI__FLOOR * b->spacing);
+        if (!b->braced) s->floors = HUGE_VAL;
+        else if (largest > s->floors * PERI__FLOOR * b->spacing) s->floors = largest / (PERI__FLOOR * b->spacing);
     }
     return worst;
 }
@@ -7231,7 +7232,7 @@ static double peri__tolerance(const peri_world *w, const peri__body *b) {
     /* what is about to sleep must not be kept awake by what the solver leaves, nor sleep with it */
     if (b->calm) scale /= 30;
     scale *= (double)w->def.tolerance * peri__trust(w, b);
-    return scale > PERI__FLOOR * b->spacing ? scale : PERI__FLOOR * b->spacing;
+    return b->braced && scale < PERI__FLOOR * b->spacing ? PERI__FLOOR * b->spacing : scale;
 }
 
 /* Iterates to the tolerance. *worst: the last correction, in tolerances. */
