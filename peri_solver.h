@@ -4044,7 +4044,8 @@ static void peri__up1(const peri__sides *t, const peri__panel *p) {
         }
         for (k = 0; k < n; k++) x[k] = t->x[p->first + c + k] + peri__lanes_sum(sum + c + k);
         for (k = 0; k < n; k++)
-            for (i = k; i < n; i++) done[c + k] += value[peri__entry(p, c, c + k) + PERI__BELOW(i, p->width)] * x[i];
+            for (i = k; i < n; i++)
+                done[c + k] += value[peri__entry(p, c, c + k) + (size_t)PERI__BELOW(i, p->width)] * x[i];
     }
     memcpy(t->x + p->first, done, (size_t)p->width * sizeof *done);
 }
