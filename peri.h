@@ -6445,6 +6445,7 @@ static void peri__health_lanes_task(int begin, int end, void *context) {
     const unsigned char *flags = p->w->flags + p->b->first;
     int q, l, plain = (double)m->healthy_min < 0.7 && (double)m->healthy_max > 1.23;
     peri__row away, brace;
+    memset(brace, 0, sizeof brace);
     for (q = begin; q < end; q++) {
         peri__lanes_away(p->bonds, t, &p->b->matter, q, p->b->moment != NULL, away, p->share,
                         p->brace ? brace : NULL);

@@ -4934,6 +4934,7 @@ static size_t peri__corners(int n, const peri_real *xyz, double cell, peri__corn
     double low[3] = {0, 0, 0}, u[3];
     size_t count = 0;
     int i, c;
+    memset(some, 0, sizeof some);
     for (c = 0; c < 3; c++)
         for (i = 0; i < n; i++)
             if (i == 0 || (double)xyz[3 * (ptrdiff_t)i + c] < low[c]) low[c] = (double)xyz[3 * (ptrdiff_t)i + c];
