@@ -75,8 +75,8 @@
                       (cantilever tip); stretch 11 to 17 % and projective 21 % too stiff with 8 across, by their
                       surfaces (4 across 9 to 16 and 27 to 39 %); projective torsion 36 % too stiff with 8 across.
                       Stress off neo-Hookean at stretches of 0.7, 1.5, 2: 30, 60, 109 % linear, projective; 68 % A1/A1
-                      at 2. The outermost gap under a load through
-                      a face is 1.5 times too stiff: 5 layers shorten 0.8 of the exact value.
+                      at 2. The outermost gap under a load through a face is 1.5 times too stiff: 5 layers shorten 0.8
+                      of the exact value.
        thin solids    one row or layer of 4 is 13 % off across (correspondence, stretch), of 3 10 %: take sheets.
        missing        the answer stays within 10 % while of a lattice's inner particles at most so many are taken out:
                       none with 6 neighbours, 20 % with 18 (horizon 1.45), 60 % with 26, 80 % with 122; St. Venant-
@@ -7189,18 +7189,18 @@ static int peri__guess_fits(const peri__solve *s) {
    neither is finite. */
 static int peri__start(peri__solve *s) {
     const peri__body *b;
-    int finite, far = 0, wild = s->energetic || peri__touches(s), doubtful;
+    int finite, far = 0, sick = 0, wild, doubtful;
     for (b = peri__first(s); b; b = peri__next(s, b)) {
         double reach = 0;
         size_t k;
         for (k = 3 * (size_t)b->first; k < 3 * (size_t)(b->first + b->count); k++)
             if (fabs(s->w->x[k] - s->w->x0[k]) > reach) reach = fabs(s->w->x[k] - s->w->x0[k]);
         far |= b->fixed && reach >= b->spacing;
-        wild |= b->unhealthy > 0;
+        sick |= b->unhealthy > 0;
     }
+    wild = sick || s->energetic || peri__touches(s);
     finite = peri__evaluate(s, s->g, far || wild ? &s->energy : NULL);
-    doubtful = !finite || far;
-    for (b = peri__first(s); b; b = peri__next(s, b)) doubtful |= b->unhealthy > 0;
+    doubtful = !finite || far || sick;
     if (!doubtful || (!wild && finite && peri__guess_fits(s))) return 1;
     if (peri__restart(s) && (!finite || s->energy1 < s->energy)) {
         peri__take_trial(s);
