@@ -359,6 +359,8 @@ typedef struct peri_measure {
     double momentum[3];                 /* kg m/s */
     double angular_momentum[3];         /* kg m^2/s, about the origin */
     double kinetic, elastic, potential; /* J */
+    double restoring;                   /* J, of elastic: what the last step's pull on particles out of shape, an energy
+                                           that comes and goes with the step, adds to what the matter stores itself */
     double lower[3], upper[3];          /* bounds of the particle centres, m */
 } peri_measure;
 
@@ -8080,6 +8082,20 @@ peri_result peri_world_contacts(const peri_world *w, peri_contact *out, int capa
 
 /* ---- implementation 17: looking ---------------------------------------------------------------------------------- */
 
+static void peri__measure_elastic(peri_world *w, peri__body *b, peri_measure *out) {
+    unsigned char *mode = w->mode + b->first;
+    int i;
+    for (i = 0; i < b->count; i += PERI__GRAIN)
+        out->elastic += peri__elastic(w, b, i, b->count < i + PERI__GRAIN ? b->count : i + PERI__GRAIN);
+    for (i = 0; i < b->count && b->unhealthy; i++) {
+        if (mode[i] != PERI__RESTORED) continue;
+        out->restoring += peri__elastic(w, b, i, i + 1);
+        mode[i] = PERI__MAIN;
+        out->restoring -= peri__elastic(w, b, i, i + 1);
+        mode[i] = PERI__RESTORED;
+    }
+}
+
 static void peri__measure_body(peri_world *w, peri__body *b, peri_measure *out) {
     size_t i, end = (size_t)b->first + (size_t)b->count;
     double gravity[3];
@@ -8101,8 +8117,7 @@ static void peri__measure_body(peri_world *w, peri__body *b, peri_measure *out) 
         }
         out->mass += m;
     }
-    for (i = 0; i < (size_t)b->count; i += PERI__GRAIN)
-        out->elastic += peri__elastic(w, b, (int)i, b->count < (int)i + PERI__GRAIN ? b->count : (int)i + PERI__GRAIN);
+    peri__measure_elastic(w, b, out);
 }
 
 peri_result peri_body_measure(peri_world *w, peri_body_id id, peri_measure *out) {

@@ -880,6 +880,26 @@ static void body_removed(void) {
     free(kept[1]);
 }
 
+/* The mirror image of a stretch body stores nothing: all that is measured there is the pull back, and told apart. */
+static void restoring_apart(void) {
+    peri_material m = material_of(M_LINEAR, 1e5, 0.25);
+    peri_measure measure;
+    scene s;
+    int i;
+    scene_begin(&s, 4, 4, 4, 0.125);
+    scene_make(&s, &m);
+    CHECK(!peri_world_step(s.world, (peri_real)1e-6));
+    CHECK(scene_measure(&s).restoring == 0);
+    for (i = 0; i < 3 * s.n; i++) s.x[i] = i % 3 ? s.points[i] : -s.points[i];
+    peri_body_set_positions(s.world, s.body, 0, s.n, s.x);
+    CHECK(!peri_world_step(s.world, (peri_real)1e-6)); /* no time to move: it only finds them out of shape */
+    measure = scene_measure(&s);
+    CHECK(peri_world_stats(s.world).unhealthy == s.n);
+    CHECK(measure.restoring > 0);
+    NEAR((measure.elastic - measure.restoring) / measure.elastic, 0, 1e-4);
+    scene_end(&s);
+}
+
 /* set_positions puts particles where they are told, keeps the rest shape, and keeps velocities; a part only too. */
 static void positions_set(void) {
     peri_material m = material_of(M_LINEAR, 1e5, 0.3);
@@ -1505,6 +1525,7 @@ int main(int argc, char **argv) {
     RUN(force_on_free_body);
     RUN(initial_spin);
     RUN(body_removed);
+    RUN(restoring_apart);
     RUN(positions_set);
     RUN(distances);
     RUN(particle_against_shapes);
