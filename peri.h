@@ -120,7 +120,7 @@
 
    HISTORY
        0.3.0  two-level solver, AUTO by counted cost; forces of 16 particles at once, lattices with one stencil; pressed
-              matter no longer buckles between its bonds
+              matter no longer buckles between its bonds; measures tell the pull back to shape apart
        0.2.0  bodies touch each other and themselves; sheets, rods, attachments, materials per particle, sleep
        0.1.0  first version: elastic bodies, colliders, sampling, skins
 */

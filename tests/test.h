@@ -9,12 +9,25 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static const char *test_only = NULL;
 static int test_passed = 0, test_failed = 0, test_bad = 0;
 
 static void test_begin(int argc, char **argv) { test_only = argc > 1 ? argv[1] : NULL; }
+
+/* Is a test run: the one named on the command line, or all but those in TEST_SKIP, names between blanks. */
+static int test_wanted(const char *name) {
+    const char *skip = getenv("TEST_SKIP"), *at = skip;
+    size_t n = strlen(name);
+    if (test_only) return strcmp(test_only, name) == 0;
+    while (at && (at = strstr(at, name)) != NULL) {
+        if ((at == skip || at[-1] == ' ') && (at[n] == ' ' || !at[n])) return 0;
+        at += n;
+    }
+    return 1;
+}
 
 static void test_complain(const char *file, int line, const char *what) {
     if (test_bad < 5) printf("    %s:%d: %s\n", file, line, what);
@@ -39,7 +52,7 @@ static void test_complain(const char *file, int line, const char *what) {
 
 #define RUN(test) \
     do { \
-        if (!test_only || strcmp(test_only, #test) == 0) { \
+        if (test_wanted(#test)) { \
             test_bad = 0; \
             test(); \
             if (test_bad) test_failed++; else test_passed++; \
