@@ -7081,7 +7081,6 @@ static double peri__search(peri__solve *s, double slope) {
 static int peri__iterate(peri__solve *s, double *length, double *worst) {
     const peri_parallel *par = &s->w->def.parallel;
     double alpha, slope;
-    int k;
     peri_lbfgs_apply(&s->lbfgs, par, s->g, s->p, s->change, peri__global_step, s);
     slope = peri_dot(par, s->n, s->g, s->p);
     if (!(slope < 0)) {
@@ -7101,11 +7100,7 @@ static int peri__iterate(peri__solve *s, double *length, double *worst) {
         peri_lbfgs_begin(&s->lbfgs, s->n, s->lbfgs.m, s->lbfgs.s);
         return 1;
     }
-    for (k = 0; k < s->n; k++) {
-        s->change[k] = (peri_real)alpha * s->p[k];
-        s->g[k] = s->g1[k] - s->g[k];
-    }
-    peri_lbfgs_push(&s->lbfgs, par, s->change, s->g);
+    peri__lbfgs_take(&s->lbfgs, par, alpha, s->p, s->g, s->g1);
     peri__take_trial(s);
     peri__refresh_contacts(s);
     return 1;

@@ -448,7 +448,8 @@ typedef struct peri_lbfgs {
 /* Starts with no memory. m at most PERI_LBFGS_MAX; m = 0 makes apply the bare preconditioner. */
 PERI_DEF void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors);
 
-/* Remembers a step s and the change y of the gradient over it, when s.y is clearly positive; else ignores the pair. */
+/* Remembers a step s and the change y of the gradient over it in place of the oldest pair, when s.y is clearly positive;
+   else drops the pair, and with it the oldest one of a full memory. */
 PERI_DEF void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y);
 
 /* p = -H g with H the two-loop recursion around the preconditioner (Nocedal 1980); precondition NULL: the identity.
@@ -736,14 +737,14 @@ static void peri__combine_run(int n, double keep, peri_real *PERI__RESTRICT y, d
     for (; i < n; i++) y[i] = c * y[i] + f * x[i];
 }
 
-/* A pass over vectors: y = keep y + factor x where there is an x, then sums of y and z, y and y, z and z where there
-   is a z. A block is still near when its sum is taken. */
+/* A pass over vectors: y = keep y + factor x where there is an x, then the sum of y and z where there is a z. A block is
+   still near when its sum is taken. */
 typedef struct peri__vectors {
-    int n, block, squares;
+    int n, block;
     double keep, factor;
     const peri_real *x, *z;
     peri_real *y;
-    double sum[PERI__BLOCKS], square[2][PERI__BLOCKS];
+    double sum[PERI__BLOCKS];
 } peri__vectors;
 
 static void peri__vectors_run(int begin, int end, void *context) {
@@ -754,9 +755,6 @@ static void peri__vectors_run(int begin, int end, void *context) {
         int n = left < t->block ? (int)left : t->block;
         if (t->x) peri__combine_run(n, t->keep, t->y + at, t->factor, t->x + at);
         if (t->z) t->sum[block] = peri__dot_run(n, t->y + at, t->z + at);
-        if (!t->squares) continue;
-        t->square[0][block] = peri__dot_run(n, t->y + at, t->y + at);
-        t->square[1][block] = peri__dot_run(n, t->z + at, t->z + at);
     }
 }
 
@@ -787,7 +785,6 @@ static double peri__combine_dot(const peri_parallel *par, int n, double keep, pe
                                 const peri_real *x, const peri_real *z) {
     peri__vectors t;
     t.n = n;
-    t.squares = 0;
     t.keep = keep;
     t.factor = factor;
     t.x = x;
@@ -798,28 +795,6 @@ static double peri__combine_dot(const peri_parallel *par, int n, double keep, pe
 
 double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
     return peri__combine_dot(par, n, 1, (peri_real *)(uintptr_t)a, 0, NULL, b);
-}
-
-/* Returns a.b with a.a and b.b, in one pass. */
-static double peri__dot_squares(const peri_parallel *par, int n, const peri_real *a, const peri_real *b,
-                                double square[2]) {
-    peri__vectors t;
-    double sum;
-    t.n = n;
-    t.squares = 1;
-    t.keep = 1;
-    t.factor = 0;
-    t.x = NULL;
-    t.y = (peri_real *)(uintptr_t)a; /* only read without x */
-    t.z = b;
-    square[0] = square[1] = 0;
-    sum = peri__vectors_pass(par, &t);
-    if (n > 0) {
-        int blocks = (n - 1) / t.block + 1;
-        square[0] = peri__sum_blocks(t.square[0], blocks);
-        square[1] = peri__sum_blocks(t.square[1], blocks);
-    }
-    return sum;
 }
 
 /* ---- 3  small algebra -------------------------------------------------------------------------------------------- */
@@ -4169,7 +4144,9 @@ typedef peri_real peri__shard;
 PERI__QUADS_DEFINE(3_one, PERI__ONE)
 PERI__QUADS_DEFINE(3_two, PERI__TWO)
 
-/* to += a; to = -a; to += l a, for quads. */
+/* to += a; to = -a; to += l a, for quads; the last one for a sum in registers. */
+typedef peri__shard peri__quad[PERI__SHARDS];
+
 PERI__INLINE void peri__quad_add(peri_real *to, const peri_real *a) {
     peri__shard *into = (peri__shard *)(void *)to;
     const peri__shard *from = (const peri__shard *)(const void *)a;
@@ -4182,6 +4159,12 @@ PERI__INLINE void peri__quad_minus(peri_real *to, const peri_real *a) {
     const peri__shard *from = (const peri__shard *)(const void *)a;
     int h;
     for (h = 0; h < PERI__SHARDS; h++) into[h] = -from[h];
+}
+
+PERI__INLINE void peri__quad_share(peri__shard *to, peri_real l, const peri_real *a) {
+    const peri__shard *from = (const peri__shard *)(const void *)a;
+    int h;
+    for (h = 0; h < PERI__SHARDS; h++) to[h] += l * from[h];
 }
 
 /* x[rows] += v for the rows begin .. end - 1 of a block. */
@@ -4437,17 +4420,60 @@ void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors) {
     l->y = vectors ? vectors + (ptrdiff_t)l->m * n : NULL;
 }
 
-/* The cosine of s and y is at least 2 sqrt(k) / (1 + k) for a quadratic of condition k (Kantorovich): below 1e-8 it is
-   rounding, or the energy is not convex there. */
-void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y) {
-    double square[2], sy = peri__dot_squares(par, l->n, s, y, square);
-    ptrdiff_t at = (ptrdiff_t)l->head * l->n;
-    if (l->m == 0 || !(sy > 1e-8 * sqrt(square[0]) * sqrt(square[1])) || !peri__finite(1 / sy)) return;
-    memcpy(l->s + at, s, (size_t)l->n * sizeof *s);
-    memcpy(l->y + at, y, (size_t)l->n * sizeof *y);
-    l->rho[l->head] = 1 / sy;
+/* A pair made where it will stay, s = share p and y = g1 - g (g1 where g is NULL), with its sums. */
+typedef struct peri__pairing {
+    int n, block;
+    double share;
+    const peri_real *p, *g, *g1;
+    peri_real *s, *y;
+    double sum[3][PERI__BLOCKS]; /* of s and y, s and s, y and y */
+} peri__pairing;
+
+static void peri__pairing_run(int begin, int end, void *context) {
+    peri__pairing *t = (peri__pairing *)context;
+    int block, i;
+    for (block = begin; block < end; block++) {
+        ptrdiff_t at = (ptrdiff_t)block * t->block, left = t->n - at;
+        int n = left < t->block ? (int)left : t->block;
+        const peri_real *p = t->p + at, *g = t->g ? t->g + at : NULL, *g1 = t->g1 + at;
+        peri_real *s = t->s + at, *y = t->y + at, share = (peri_real)t->share;
+        for (i = 0; i < n; i++) s[i] = share * p[i];
+        for (i = 0; i < n; i++) y[i] = g ? g1[i] - g[i] : g1[i];
+        t->sum[0][block] = peri__dot_run(n, s, y);
+        t->sum[1][block] = peri__dot_run(n, s, s);
+        t->sum[2][block] = peri__dot_run(n, y, y);
+    }
+}
+
+/* Remembers the pair in place of the oldest one. The cosine of s and y is at least 2 sqrt(k) / (1 + k) for a quadratic
+   of condition k (Kantorovich): below 1e-8 it is rounding, or the energy is not convex there, and the pair is dropped,
+   with the oldest one where the memory was full. */
+static void peri__lbfgs_take(peri_lbfgs *l, const peri_parallel *par, double share, const peri_real *p,
+                             const peri_real *g, const peri_real *g1) {
+    peri__pairing t;
+    double sum[3];
+    int blocks, k;
+    if (l->m == 0 || l->n <= 0) return;
+    t.n = l->n;
+    t.block = peri__block(l->n, PERI__RUN);
+    t.share = share;
+    t.p = p;
+    t.g = g;
+    t.g1 = g1;
+    t.s = l->s + (ptrdiff_t)l->head * l->n;
+    t.y = l->y + (ptrdiff_t)l->head * l->n;
+    blocks = (l->n - 1) / t.block + 1;
+    peri_parallel_for(par, blocks, 1, peri__pairing_run, &t);
+    for (k = 0; k < 3; k++) sum[k] = peri__sum_blocks(t.sum[k], blocks);
+    if (l->used == l->m) l->used--;
+    if (!(sum[0] > 1e-8 * sqrt(sum[1]) * sqrt(sum[2])) || !peri__finite(1 / sum[0])) return;
+    l->rho[l->head] = 1 / sum[0];
     l->head = (l->head + 1) % l->m;
-    if (l->used < l->m) l->used++;
+    l->used++;
+}
+
+void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y) {
+    peri__lbfgs_take(l, par, 1, s, NULL, y);
 }
 
 static int peri__lbfgs_slot(const peri_lbfgs *l, int age) { return (l->head - age + l->m) % l->m; }
@@ -4627,17 +4653,14 @@ static double peri__minimise_direction(peri__minimise *m) {
 
 /* Takes the trial at share: remembers the pair (s, y) and moves on. */
 static void peri__minimise_take(peri__minimise *m, double share) {
-    const peri_parallel *par = m->o->parallel;
     peri_real *g = m->g;
     int n = m->f->n;
-    peri__combine_dot(par, n, share, m->p, 0, m->g1, NULL);
-    peri__combine_dot(par, n, -1, m->g, 1, m->g1, NULL);
-    peri_lbfgs_push(&m->lbfgs, par, m->p, m->g);
+    peri__lbfgs_take(&m->lbfgs, m->o->parallel, share, m->p, m->g, m->g1);
     m->g = m->g1;
     m->g1 = g;
     m->energy = m->energy1;
     m->report->iterations++;
-    m->report->residual = sqrt(peri_dot(par, n, m->g, m->g)) / m->first;
+    m->report->residual = sqrt(peri_dot(m->o->parallel, n, m->g, m->g)) / m->first;
     if (m->o->watch) m->o->watch(m->report->iterations, m->report->residual, m->o->user);
 }
 
@@ -5223,20 +5246,36 @@ typedef struct peri__levels {
     peri_real *p;
 } peri__levels;
 
-/* Three sides are by far the most frequent: the compiler is told of them. */
 static void peri__gather_task(int begin, int end, void *context) {
     const peri__levels *l = (const peri__levels *)context;
     const peri_two_level *t = l->t;
     int m, q, sides = t->rhs;
     for (; begin < end; begin++) {
         peri_real sum[3] = {0, 0, 0};
-        for (m = t->down[begin]; m < t->down[begin + 1] && sides == 3; m++) {
-            const peri_real *g = l->g + 3 * (ptrdiff_t)t->which[m];
-            for (q = 0; q < 3; q++) sum[q] += t->share[m] * g[q];
-        }
-        for (m = t->down[begin]; m < t->down[begin + 1] && sides != 3; m++)
+        for (m = t->down[begin]; m < t->down[begin + 1]; m++)
             for (q = 0; q < sides; q++) sum[q] += t->share[m] * l->g[(ptrdiff_t)sides * t->which[m] + q];
         for (q = 0; q < sides; q++) t->sum[(ptrdiff_t)sides * begin + q] = sum[q];
+    }
+}
+
+/* Three sides, by far the most frequent, go by quads: three numbers and one that counts for nothing, which is the next
+   row's. The last row's quad would reach beyond g: it is a copy. */
+static void peri__gather3_task(int begin, int end, void *context) {
+    const peri__levels *l = (const peri__levels *)context;
+    const peri_two_level *t = l->t;
+    peri_real tail[4] = {0, 0, 0, 0};
+    int m;
+    memcpy(tail, l->g + 3 * (ptrdiff_t)(t->n - 1), 3 * sizeof *tail);
+    for (; begin < end; begin++) {
+        int last = t->down[begin + 1] - 1;
+        peri__quad sum;
+        memset(sum, 0, sizeof sum);
+        for (m = t->down[begin]; m <= last; m++) {
+            int i = t->which[m];
+            const peri_real *g = i < t->n - 1 ? l->g + 3 * (ptrdiff_t)i : tail;
+            peri__quad_share(sum, t->share[m], g);
+        }
+        memcpy(t->sum + 3 * (ptrdiff_t)begin, sum, 3 * sizeof *tail);
     }
 }
 
@@ -5246,16 +5285,31 @@ static void peri__spread_task(int begin, int end, void *context) {
     int m, q, sides = t->rhs;
     for (; begin < end; begin++) {
         peri_real all[3] = {0, 0, 0};
-        for (m = t->up[begin]; m < t->up[begin + 1] && sides == 3; m++) {
-            const peri_real *sum = t->sum + 3 * (ptrdiff_t)t->node[m];
-            for (q = 0; q < 3; q++) all[q] += t->live[m] * sum[q];
-        }
-        for (m = t->up[begin]; m < t->up[begin + 1] && sides != 3; m++)
+        for (m = t->up[begin]; m < t->up[begin + 1]; m++)
             for (q = 0; q < sides; q++) all[q] += t->live[m] * t->sum[(ptrdiff_t)sides * t->node[m] + q];
         for (q = 0; q < sides; q++) {
             ptrdiff_t k = (ptrdiff_t)sides * begin + q;
             l->p[k] = l->g[k] * t->inverse[begin] + all[q];
         }
+    }
+}
+
+/* The nodes' sums have a number more than they need, for the last one's quad. */
+static void peri__spread3_task(int begin, int end, void *context) {
+    const peri__levels *l = (const peri__levels *)context;
+    const peri_two_level *t = l->t;
+    int m;
+    for (; begin < end; begin++) {
+        const peri_real *g = l->g + 3 * (ptrdiff_t)begin;
+        peri_real *p = l->p + 3 * (ptrdiff_t)begin, all[4], d = t->inverse[begin];
+        peri__quad sum;
+        memset(sum, 0, sizeof sum);
+        for (m = t->up[begin]; m < t->up[begin + 1]; m++)
+            peri__quad_share(sum, t->live[m], t->sum + 3 * (ptrdiff_t)t->node[m]);
+        memcpy(all, sum, sizeof all);
+        p[0] = g[0] * d + all[0];
+        p[1] = g[1] * d + all[1];
+        p[2] = g[2] * d + all[2];
     }
 }
 
@@ -5266,9 +5320,10 @@ void peri_two_level_apply(const peri_real *g, peri_real *p, void *two_level) {
     l.p = p;
     PERI_ASSERT(l.t && l.t->ready);
     if (!l.t || !l.t->ready || !l.t->n) return;
-    peri_parallel_for(&l.t->parallel, l.t->parts, PERI__GRAIN, peri__gather_task, &l);
+    peri_parallel_for(&l.t->parallel, l.t->parts, PERI__GRAIN, l.t->rhs == 3 ? peri__gather3_task : peri__gather_task,
+                      &l);
     peri_cholesky_solve(l.t->factor, l.t->rhs, l.t->sum, l.t->work);
-    peri_parallel_for(&l.t->parallel, l.t->n, PERI__GRAIN, peri__spread_task, &l);
+    peri_parallel_for(&l.t->parallel, l.t->n, PERI__GRAIN, l.t->rhs == 3 ? peri__spread3_task : peri__spread_task, &l);
 }
 
 void peri_two_level_threads(peri_two_level *t, const peri_parallel *par) {
