@@ -50,6 +50,15 @@ sum() {
     [ $failed -eq 0 ] && [ $passed -gt 0 ]
 }
 
+# draw SCRIPT CSV IMAGE: gnuplot warns of every series that has no point; that a table lacks some rows is no news.
+draw() {
+    gnuplot -e "csv='$2'; png='$3'" "$1" 2>"$3.said"
+    status=$?
+    grep -v 'warning: Skipping data file with no valid points' "$3.said" >&2
+    rm -f "$3.said"
+    return $status
+}
+
 # tests/bench/NAME.gp draws NAME.csv where it exists (it finds its files in csv and png); else every column but the
 # first by row, which the first one names. Scripts draw with pngcairo; the same with another terminal makes the SVG.
 charts() {
@@ -75,9 +84,9 @@ set logscale y
 plot for [c = 2:STATS_columns] csv using 0:c:xticlabels(1) with linespoints
 GNUPLOT
         fi
-        gnuplot -e "csv='$csv'; png='$2/$name.png'" "$script" || { echo "$csv: not drawn"; continue; }
+        draw "$script" "$csv" "$2/$name.png" || { echo "$csv: not drawn"; continue; }
         sed 's/set terminal pngcairo/set terminal svg background "#ffffff"/' "$script" >"$2/svg.gp"
-        gnuplot -e "csv='$csv'; png='$2/$name.svg'" "$2/svg.gp" || continue
+        draw "$2/svg.gp" "$csv" "$2/$name.svg" || continue
         echo "wrote $2/$name.png $2/$name.svg"
     done
     rm -f "$2"/*.gp
