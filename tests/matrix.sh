@@ -21,35 +21,29 @@ PERI_NO_DRAW:draw:peri_world_stats"
 
 # -- running ---------------------------------------------------------------------------------------------------------
 
+# Whoever wants to run takes a line out of the pipe, and puts it back at its end.
 started=0
-
-collect() {
-    wait
-    for result in "$dir"/result.*; do
-        [ -f "$result" ] || continue
-        cat "$result"
-        cat "$result" >>"$dir/results"
-        rm -f "$result"
-    done
-}
+mkfifo "$dir/turns"
+exec 3<>"$dir/turns"
+for turn in $(seq "$jobs"); do echo "$turn" >&3; done
 
 # attempt NAME FUNCTION ARGS: a case; passes when the function does, else its output is shown.
 attempt() {
     case $1 in *"$ONLY"*) ;; *) return ;; esac
     started=$((started + 1))
+    read -r turn <&3
     (
         title=$1
-        number=$(printf %04d $started)
-        case=$dir/case.$number
+        case=$dir/case.$started
         shift
         mkdir -p "$case"
         if "$@" >"$case/output" 2>&1; then echo "ok   $title"; else
             echo "FAIL $title"
             head -n 6 "$case/output" | sed 's/^/    /'
-        fi >"$dir/part.$number"
-        mv "$dir/part.$number" "$dir/result.$number"
+        fi >"$case/result"
+        cat "$case/result"
+        echo "$turn" >&3
     ) &
-    [ $((started % jobs)) -ne 0 ] || collect
 }
 
 skip() {
@@ -294,9 +288,9 @@ for cc in $compilers; do
         attempt "$cc: a C99 caller of a C++11 implementation" links $cc c99 c++11 peri.h "" "" ;;
     esac
 done
-collect
+wait
 
-passed=$(grep -c '^ok ' "$dir/results")
-failed=$(grep -c '^FAIL ' "$dir/results")
+passed=$(cat "$dir"/case.*/result | grep -c '^ok ')
+failed=$((started - passed))
 echo "$passed passed, $failed failed"
 [ "$failed" -eq 0 ] && [ "$passed" -gt 0 ]
