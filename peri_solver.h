@@ -448,8 +448,8 @@ typedef struct peri_lbfgs {
 /* Starts with no memory. m at most PERI_LBFGS_MAX; m = 0 makes apply the bare preconditioner. */
 PERI_DEF void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors);
 
-/* Remembers a step s and the change y of the gradient over it in place of the oldest pair, when s.y is clearly positive;
-   else drops the pair, and with it the oldest one of a full memory. */
+/* Remembers a step s and the change y of the gradient over it in place of the oldest pair, when s.y is clearly
+   positive; else drops the pair, and with it the oldest one of a full memory. */
 PERI_DEF void peri_lbfgs_push(peri_lbfgs *l, const peri_parallel *par, const peri_real *s, const peri_real *y);
 
 /* p = -H g with H the two-loop recursion around the preconditioner (Nocedal 1980); precondition NULL: the identity.
@@ -737,8 +737,8 @@ static void peri__combine_run(int n, double keep, peri_real *PERI__RESTRICT y, d
     for (; i < n; i++) y[i] = c * y[i] + f * x[i];
 }
 
-/* A pass over vectors: y = keep y + factor x where there is an x, then the sum of y and z where there is a z. A block is
-   still near when its sum is taken. */
+/* A pass over vectors: y = keep y + factor x where there is an x, then the sum of y and z where there is a z. A block
+   is still near when its sum is taken. */
 typedef struct peri__vectors {
     int n, block;
     double keep, factor;
