@@ -160,7 +160,7 @@ static void print(FILE *csv, const beam *s, int model, double young, const resul
     if (s->along == 57 && s->solver == PERI_SOLVER_AUTO && aim > 0)
         snprintf(verdict, sizeof verdict, "target %.0f: %s", aim,
                  r->step <= aim && r->error <= wanted ? "reached" : "MISSED");
-    printf("%-14s %.0e %-7s %-10s %7.0e %8.1e %8.1f %7.1f %5.0f %5.0f %7.1f %7.1f %7.1f %8.1f  %s\n", names[model],
+    printf("%-14s %.0e %-7s %-10s %7.1e %8.1e %8.1f %7.1f %5.0f %5.0f %7.1f %7.1f %7.1f %8.1f  %s\n", names[model],
            young, s->general ? "general" : "lattice", solvers[s->solver], r->tolerance, r->error, r->step, r->worst,
            r->iterations, r->evaluations, r->local, r->global, r->rest, r->factor, verdict);
     if (s->solver == PERI_SOLVER_AUTO) printf("    auto: %s\n", r->choice.why);
