@@ -2391,6 +2391,12 @@ void peri_sparse_destroy(peri_sparse *s) {
 #ifdef PERI__VECTOR
 typedef peri_real peri__reg __attribute__((vector_size(PERI__VECTOR), may_alias));
 #define PERI__REGISTER ((int)(PERI__VECTOR / sizeof(peri_real)))
+#ifdef PERI_DOUBLE
+typedef int64_t peri__mask_of;
+#else
+typedef int32_t peri__mask_of;
+#endif
+typedef peri__mask_of peri__mask __attribute__((vector_size(PERI__VECTOR), may_alias));
 #else
 typedef peri_real peri__reg;
 #define PERI__TILE 4
@@ -2479,14 +2485,14 @@ struct peri_cholesky {
 
 /* What a part needs to work: where each row stands in the panel in the making, and small blocks that stay in cache. */
 typedef struct peri__bench {
-    peri_real *tile;    /* 2 * PERI__TILE registers: products on their way to scattered rows */
+    peri_real *tile;    /* 2 * PERI__TILE registers: products on their way to scattered rows; one before, one after */
     peri_real *right;   /* PERI__WIDTH * PERI__TILE: rows of the other factor, side by side */
     int *place, *top;   /* offset of a row in the panel; of the top's rows, from the first on, one for each part */
     int failed;         /* column whose pivot was not positive, or -1 */
     double pivot;
 } peri__bench;
 
-#define PERI__TILE_BYTES (2 * PERI__TILE * PERI__REGISTER * sizeof(peri_real))
+#define PERI__TILE_BYTES ((2 * PERI__TILE + 2) * PERI__REGISTER * sizeof(peri_real))
 #define PERI__RIGHT_BYTES (PERI__WIDTH * PERI__TILE * sizeof(peri_real))
 
 static size_t peri__align(size_t bytes) { return (bytes + 63) / 64 * 64; }
@@ -2507,7 +2513,7 @@ static peri__bench peri__bench_of(const peri_cholesky *f, int part) {
     peri__bench w;
     w.failed = -1;
     w.pivot = 0;
-    w.tile = (peri_real *)(void *)at;
+    w.tile = (peri_real *)(void *)at + PERI__REGISTER;
     w.right = (peri_real *)(void *)(at + peri__align(PERI__TILE_BYTES));
     w.place = (int *)(void *)f->scratch;
     w.top = (int *)(void *)(at + peri__align(PERI__TILE_BYTES) + peri__align(PERI__RIGHT_BYTES));
@@ -3453,7 +3459,8 @@ size_t peri_cholesky_bytes(const peri_cholesky *f) { return f ? sizeof *f + f->b
 
 /* c = -a b (set) or c += -a b (add) for one or two blocks of rows by PERI__TILE columns: a has `depth` columns, b its
    rows one after another. Products are summed by themselves first: that loses fewer digits than taking each from c.
-   The accumulators have names, since compilers keep an array of them in memory. */
+   Two blocks of rows go by while the next two come near. The accumulators have names, since compilers keep an array of
+   them in memory. */
 #if PERI__TILE == 8
 #define PERI__COLUMNS(op) op(0) op(1) op(2) op(3) op(4) op(5) op(6) op(7)
 #else
@@ -3476,6 +3483,8 @@ size_t peri_cholesky_bytes(const peri_cholesky *f) { return f ? sizeof *f + f->b
         PERI__COLUMNS(PERI__BEGIN2) \
         for (k = 0; k < depth; k++, b += PERI__TILE) { \
             peri__reg u = a0[k], v = a1[k]; \
+            PERI__PREFETCH(a1 + (a1 - a0) + k) \
+            PERI__PREFETCH(a1 + 2 * (a1 - a0) + k) \
             PERI__COLUMNS(PERI__STEP2) \
         } \
         PERI__COLUMNS(END2) \
@@ -3548,10 +3557,47 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
     if (block < blocks) peri__tile1_add(depth, a, right, c);
 }
 
+/* The same for a whole block of rows that follow each other in the other panel too, `next` numbers from block to block,
+   the first one at `to`: whole registers, of which some lanes go to one block there and the others to the next. */
+static void peri__scatter_run(const peri_real *tile, int count, peri_real *to, ptrdiff_t next, int lane,
+                              const int *column) {
+    int j;
+    to -= lane;
+    for (j = 0; j < count; j++, tile += PERI__REGISTER) {
+        peri__reg *at = (peri__reg *)(void *)(to + (column[j] - column[0]) * PERI__REGISTER);
+#ifdef PERI__VECTOR
+        static const peri__mask_of upper[32] = {0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,
+                                                -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
+        if (lane) {
+            peri__reg *beyond = (peri__reg *)(void *)((peri_real *)(void *)at + next), v;
+            peri__mask mask, low, high;
+            memcpy(&mask, upper + 16 - lane, sizeof mask);
+            memcpy(&low, tile - lane, sizeof low);
+            memcpy(&high, tile - lane + PERI__REGISTER, sizeof high);
+            low &= mask;
+            high &= ~mask;
+            memcpy(&v, &low, sizeof v);
+            *at += v;
+            memcpy(&v, &high, sizeof v);
+            *beyond += v;
+            continue;
+        }
+#endif
+        *at += *(const peri__reg *)(const void *)tile;
+    }
+    (void)next;
+}
+
 /* The same for rows that may be of the top, from row `inner` of the block on. */
 static void peri__scatter_block(const peri_cholesky *f, const peri_real *tile, const int *rows, int k, int end,
-                                int inner, int count, const peri__bench *w, peri_real *to, const int *column) {
+                                int inner, int count, const peri__bench *w, const peri__panel *p, peri_real *to,
+                                const int *column) {
     inner = inner < k ? k : inner > end ? end : inner;
+    if (end - k == PERI__REGISTER && rows[end - 1] - rows[k] == end - 1 - k && (inner == k || inner == end)) {
+        int at = inner == end ? w->place[rows[k]] : w->top[rows[k] - f->s->part[PERI__PARTS]];
+        peri__scatter_run(tile, count, to + at, (ptrdiff_t)p->width * PERI__REGISTER, at % PERI__REGISTER, column);
+        return;
+    }
     if (k < inner) peri__scatter(tile, rows, k, inner, count, w->place, 0, to, column);
     if (inner < end) peri__scatter(tile, rows, inner, end, count, w->top, f->s->part[PERI__PARTS], to, column);
 }
@@ -3571,12 +3617,12 @@ static void peri__update_scattered(const peri_cholesky *f, const peri__panel *p,
                             tile, tile + PERI__TILE);
             k = p->height - half < PERI__REGISTER ? p->height - half : PERI__REGISTER;
             peri__scatter_block(f, w->tile + PERI__TILE * PERI__REGISTER, rows + half, 0, k, inner - half, count, w,
-                                target, rows + row);
+                                to, target, rows + row);
         } else {
             peri__tile1_set(p->width, a + (ptrdiff_t)block * p->width, w->right, tile);
         }
         k = p->height - begin < PERI__REGISTER ? p->height - begin : PERI__REGISTER;
-        peri__scatter_block(f, w->tile, rows + begin, first, k, inner - begin, count, w, target, rows + row);
+        peri__scatter_block(f, w->tile, rows + begin, first, k, inner - begin, count, w, to, target, rows + row);
     }
 }
 
@@ -4179,12 +4225,6 @@ PERI__INLINE void peri__block_add3(const int *PERI__RESTRICT rows, int begin, in
 }
 
 #ifdef PERI__VECTOR
-#ifdef PERI_DOUBLE
-typedef int64_t peri__mask_of;
-#else
-typedef int32_t peri__mask_of;
-#endif
-typedef peri__mask_of peri__mask __attribute__((vector_size(PERI__VECTOR), may_alias));
 #define PERI__QUAD_OF(i) i, i, i, i
 #define PERI__QUADS_OF(i) PERI__QUAD_OF(i), PERI__QUAD_OF(i + 1), PERI__QUAD_OF(i + 2), PERI__QUAD_OF(i + 3)
 #endif
@@ -4347,7 +4387,7 @@ void peri_cholesky_solve(const peri_cholesky *f, int rhs, peri_real *x, peri_rea
     const int *order;
     int i, c, q, sides;
     PERI_ASSERT(f && f->ready && rhs >= 1);
-    if (!f || !f->ready) return;
+    if (!f || !f->ready || !f->s->n) return;
     order = f->s->order;
     t.f = f;
     t.x = work;
