@@ -3,7 +3,8 @@
    steps. Every model, on a lattice and with points a thousandth of a spacing off it (general layout), with AUTO,
    Cholesky and two levels at E = 1e5 Pa, with AUTO at 1e6. Each is run at finer and finer tolerances until its error -
    rms difference of the step's motion from that of a reference run of the same model at a tolerance of 1e-5 with
-   Cholesky, over the rms motion, at worst of steps 2 to 8 - is at most 1e-3; that run's median step is what counts.
+   Cholesky, over the rms motion, at worst of steps 2 to 8 - is at most 1e-3; what counts is the median step, the least
+   of three such runs (on shared machines a run can take twice as long as the one before it).
    Processor time (wall clock with OpenMP, 1 thread). Prints a table and writes CSV to the file named as the first
    argument. Second argument quick: a beam of 29 x 11 x 11; full: the 25 k beam, 98 k particles too, and the step time
    over the number of particles. Targets are for the 25 k beam and the machine of the prototype; the ratios between rows
@@ -12,7 +13,7 @@
 #include "../../peri.h"
 #include "bench.h"
 
-enum { STEPS = 8, TRIES = 14 };
+enum { STEPS = 8, TRIES = 16, REPEATS = 3 };
 
 static const double wanted = 1e-3;
 
@@ -128,7 +129,7 @@ static double error_of(const result *r, const result *reference) {
 /* The cheapest run that is accurate enough, or the most accurate one. */
 static int fit(beam *s, const result *reference, result *best) {
     static const double tolerances[TRIES] = {0.02, 0.014, 0.01, 7e-3, 5e-3, 3.5e-3, 2.5e-3, 1.8e-3,
-                                             1.3e-3, 1e-3, 7e-4, 5e-4, 2e-4, 1e-4};
+                                             1.3e-3, 1e-3, 7e-4, 5e-4, 2e-4, 1e-4, 5e-5, 2e-5};
     int k;
     best->path = (double *)malloc((STEPS + 1) * 3 * sizeof(double) * (size_t)reference->particles);
     for (k = 0; k < TRIES; k++) {
@@ -139,6 +140,12 @@ static int fit(beam *s, const result *reference, result *best) {
         if (best->error <= wanted) break;
     }
     free(best->path);
+    best->path = NULL;
+    for (k = 1; k < REPEATS; k++) {
+        result again = *best;
+        if (!run(s, &again)) return 0;
+        if (again.step < best->step) *best = again;
+    }
     return 1;
 }
 
