@@ -6563,9 +6563,9 @@ static peri_matrix peri__matrix(const peri__body *b) {
 #define PERI__COST_BOND 20.0
 #define PERI__COST_ROW 30.0         /* vectors of L-BFGS and the search: a particle */
 #define PERI__COST_ENTRY 0.65       /* a full solve: an entry of L */
-#define PERI__COST_LEVELS 22.0      /* a solve on two levels: a particle */
+#define PERI__COST_LEVELS 11.0      /* a solve on two levels: a particle */
 #define PERI__COST_OPERATION 0.02   /* a factorisation: a multiplication and addition */
-#define PERI__LEVELS_MORE 1.3       /* iterations with two levels over those with a factor */
+#define PERI__LEVELS_MORE 1.25      /* iterations with two levels over those with a factor */
 #define PERI__ITERATIONS 10.0       /* of a step, with a factor */
 #define PERI__STEPS 60.0            /* that a factor serves */
 #define PERI__SMALL 1000            /* particles up to which there is nothing to gain */
