@@ -559,9 +559,9 @@ PERI_DEF void peri_anderson_apply(const peri_anderson *q, const peri_parallel *p
 
 /* P^-1 = D^-1 + Q (Q^T A Q)^-1 Q^T: Jacobi for what changes from row to row, and a factor of the matrix of the nodes of
    a coarse grid for what is smooth (Q: rows between nodes are linear between them; Bramble, Pasciak & Xu 1990, with two
-   levels). Against a full factor, in three dimensions, it takes up to a quarter more iterations, each a sixth of the time
-   with 10 000 rows and a tenth with 25 000; making it takes a quarter and an eighth of the time, and a sixth and an
-   eighth of the memory. */
+   levels). Against a full factor, in three dimensions, it takes up to a quarter more iterations, each a sixth of the
+   time with 10 000 rows and a tenth with 25 000; making it takes a quarter and an eighth of the time, and a sixth and
+   an eighth of the memory. */
 typedef struct peri_two_level peri_two_level;
 
 /* The nodes of a grid of side `cell` from the smallest coordinates of xyz (3 n) on, as far as rows are near: 3 spacings
