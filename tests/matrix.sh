@@ -96,22 +96,35 @@ caller() {
     esac
 }
 
-# two COMPILER STANDARD_OF_CALLER STANDARD_OF_IMPLEMENTATION HEADER DEFINES_OF_CALLER DEFINES_OF_IMPLEMENTATION
-two() {
-    { unit ${5:+"$5"} "+$4"; caller "$4"; } >"$case/caller.c"
-    unit ${6:+"$6"} PERI_IMPLEMENTATION "+$4" >"$case/body.c"
+# mixed COMPILER STANDARD_OF_CALLER STANDARD_OF_IMPLEMENTATION HEADER: one of the two is C++.
+mixed() {
+    { unit "+$4"; caller "$4"; } >"$case/caller.c"
+    unit PERI_IMPLEMENTATION "+$4" >"$case/body.c"
     object "$1" "$2" "$case/caller.o" "$case/caller.c" || return 1
     object "$1" "$3" "$case/body.o" "$case/body.c" || return 1
-    tool=$1
-    case $2$3 in *++*) tool=$(driver "$1" c++) tool=${tool%% *} ;; esac
-    $tool -o "$case/program" "$case/caller.o" "$case/body.o" -lm
+    tool=$(driver "$1" c++11)
+    ${tool%% *} -o "$case/program" "$case/caller.o" "$case/body.o" -lm && "$case/program"
 }
 
-links() { two "$@" && "$case/program"; }
-
-refuses_to_link() { # as two: both units compile, and the linker misses the symbol that carries the precision
-    two "$@" >"$case/log" 2>&1 && { echo "it links"; return 1; }
-    grep -qi "undefined" "$case/log" || { cat "$case/log"; return 1; }
+# precisions COMPILER STANDARD HEADER: two units link and run where both are float or both double; else the linker misses
+# the symbol that carries the precision.
+precisions() {
+    for p in "" PERI_DOUBLE; do
+        { unit ${p:+"$p"} "+$3"; caller "$3"; } >"$case/caller$p.c"
+        unit ${p:+"$p"} PERI_IMPLEMENTATION "+$3" >"$case/body$p.c"
+        for part in caller body; do object "$1" "$2" "$case/$part$p.o" "$case/$part$p.c" || return 1; done
+    done
+    tool=$(driver "$1" "$2")
+    for pair in : PERI_DOUBLE:PERI_DOUBLE PERI_DOUBLE: :PERI_DOUBLE; do
+        p=${pair%:*} q=${pair#*:}
+        if ${tool%% *} -o "$case/program" "$case/caller$p.o" "$case/body$q.o" -lm >"$case/log" 2>&1; then
+            [ "$p" = "$q" ] || { echo "a ${p:-float} caller links with ${q:-float}"; return 1; }
+            "$case/program" || { echo "the program with ${p:-float} fails"; return 1; }
+        elif [ "$p" = "$q" ] || ! grep -qi "undefined" "$case/log"; then
+            cat "$case/log"
+            return 1
+        fi
+    done
 }
 
 # -fno-pie keeps constant tables of pointers in read-only sections, where nm can tell them from variables.
@@ -132,15 +145,21 @@ clean_symbols() { # COMPILER STANDARD LINES...: no variables, and nothing extern
     fi
 }
 
-# option COMPILER STANDARD HEADER MACRO GONE KEPT: with the macro no symbol matches GONE; without it some do.
-option() {
-    for_nm "$1" "$2" PERI_IMPLEMENTATION "+$3" || return 1
-    nm "$case/unit.o" | grep -qE "$5" || { echo "without $4 there is no $5 either"; return 1; }
-    size=$(wc -c <"$case/unit.o")
-    for_nm "$1" "$2" "$4" PERI_IMPLEMENTATION "+$3" || return 1
-    nm "$case/unit.o" | grep -qE "$6" || { echo "$4 takes $6 away too"; return 1; }
-    if nm "$case/unit.o" | grep -E "$5"; then echo "$4 leaves these in"; return 1; fi
-    [ "$(wc -c <"$case/unit.o")" -lt "$size" ] || { echo "$4 makes nothing smaller"; return 1; }
+# leaves_out COMPILER STANDARD HEADER ROWS...: with the macro of a row no symbol matches what goes, some match what stays.
+leaves_out() {
+    occ=$1 ostd=$2 header=$3
+    shift 3
+    for_nm "$occ" "$ostd" PERI_IMPLEMENTATION "+$header" || return 1
+    mv "$case/unit.o" "$case/whole.o"
+    for row in "$@"; do
+        macro=${row%%:*} rest=${row#*:}
+        gone=${rest%%:*} kept=${rest#*:}
+        nm "$case/whole.o" | grep -qE "$gone" || { echo "without $macro there is no $gone either"; return 1; }
+        for_nm "$occ" "$ostd" "$macro" PERI_IMPLEMENTATION "+$header" || return 1
+        nm "$case/unit.o" | grep -qE "$kept" || { echo "$macro takes $kept away too"; return 1; }
+        if nm "$case/unit.o" | grep -E "$gone"; then echo "$macro leaves these in"; return 1; fi
+        [ "$(wc -c <"$case/unit.o")" -lt "$(wc -c <"$case/whole.o")" ] || { echo "$macro makes nothing smaller"; return 1; }
+    done
 }
 
 private_symbols() { # COMPILER STANDARD HEADER: with PERI_STATIC nothing is external
@@ -256,12 +275,7 @@ for cc in $compilers; do
     for std in c99 c++11; do
         case " $standards " in *" $std "*) ;; *) continue ;; esac
         for header in $headers; do
-            attempt "$cc $std: $header, two units linked" links $cc $std $std $header "" ""
-            attempt "$cc $std: $header, two units in double" links $cc $std $std $header PERI_DOUBLE PERI_DOUBLE
-            attempt "$cc $std: $header, a float caller does not link with double" \
-                refuses_to_link $cc $std $std $header "" PERI_DOUBLE
-            attempt "$cc $std: $header, a double caller does not link with float" \
-                refuses_to_link $cc $std $std $header PERI_DOUBLE ""
+            attempt "$cc $std: $header, two units link, of one precision only" precisions $cc $std $header
             attempt "$cc $std: $header with PERI_STATIC" compiles $cc $std "" PERI_STATIC PERI_IMPLEMENTATION +$header
             attempt "$cc $std: quick start of $header" quick_start $cc $std $header ""
             attempt "$cc $std: quick start of $header in double" quick_start $cc $std $header PERI_DOUBLE
@@ -271,12 +285,9 @@ for cc in $compilers; do
             attempt "$cc $std${precision:+ $precision}: no variables, only peri_ is external" \
                 clean_symbols $cc $std ${precision:+$precision} PERI_IMPLEMENTATION +peri.h
         done
-        for row in $options; do
-            macro=${row%%:*} rest=${row#*:}
-            attempt "$cc $std: $macro" option $cc $std peri.h $macro "${rest%%:*}" "${rest#*:}"
-        done
+        attempt "$cc $std: every PERI_NO_ by itself" leaves_out $cc $std peri.h $options
         attempt "$cc $std: PERI_NO_CHOLESKY of peri_solver.h" \
-            option $cc $std peri_solver.h PERI_NO_CHOLESKY cholesky peri_lbfgs_apply
+            leaves_out $cc $std peri_solver.h PERI_NO_CHOLESKY:cholesky:peri_lbfgs_apply
         attempt "$cc $std: every PERI_NO_ at once" \
             compiles $cc $std "" $(echo "$options" | sed 's/:.*//') PERI_IMPLEMENTATION +peri.h
         attempt "$cc $std: every PERI_NO_ at once, PERI_STATIC, -O2" \
@@ -284,8 +295,8 @@ for cc in $compilers; do
         attempt "$cc $std: -O2" compiles $cc $std -O2 PERI_IMPLEMENTATION +peri.h
     done
     case $standards in *++*)
-        attempt "$cc: a C++11 caller of a C99 implementation" links $cc c++11 c99 peri.h "" ""
-        attempt "$cc: a C99 caller of a C++11 implementation" links $cc c99 c++11 peri.h "" "" ;;
+        attempt "$cc: a C++11 caller of a C99 implementation" mixed $cc c++11 c99 peri.h
+        attempt "$cc: a C99 caller of a C++11 implementation" mixed $cc c99 c++11 peri.h ;;
     esac
 done
 wait
