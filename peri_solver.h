@@ -772,26 +772,22 @@ static double peri__sum_blocks(const double *sum, int blocks) {
     return all;
 }
 
-static double peri__vectors_pass(const peri_parallel *par, peri__vectors *t) {
-    int blocks;
-    if (t->n <= 0) return 0;
-    t->block = peri__block(t->n, PERI__RUN);
-    blocks = (t->n - 1) / t->block + 1;
-    peri_parallel_for(par, blocks, 1, peri__vectors_run, t);
-    return t->z ? peri__sum_blocks(t->sum, blocks) : 0;
-}
-
 /* y = keep y + factor x; returns y.z of the new y, in one pass. z NULL: no sum; z may be y. */
 static double peri__combine_dot(const peri_parallel *par, int n, double keep, peri_real *y, double factor,
                                 const peri_real *x, const peri_real *z) {
     peri__vectors t;
+    int blocks;
+    if (n <= 0) return 0;
     t.n = n;
+    t.block = peri__block(n, PERI__RUN);
     t.keep = keep;
     t.factor = factor;
     t.x = x;
     t.y = y;
     t.z = z;
-    return peri__vectors_pass(par, &t);
+    blocks = (n - 1) / t.block + 1;
+    peri_parallel_for(par, blocks, 1, peri__vectors_run, &t);
+    return z ? peri__sum_blocks(t.sum, blocks) : 0;
 }
 
 double peri_dot(const peri_parallel *par, int n, const peri_real *a, const peri_real *b) {
@@ -3558,8 +3554,9 @@ static void peri__update_straight(const peri_real *value, const peri__panel *p, 
     if (block < blocks) peri__tile1_add(depth, a, right, c);
 }
 
-/* The same for a whole block of rows that follow each other in the other panel too, `next` numbers from block to block,
-   the first one at `to`: whole registers, of which some lanes go to one block there and the others to the next. */
+/* Adds `count` columns of a whole block in the tile whose rows follow each other in the other panel too, the first one
+   in `lane` of a block there, at `to`; the next block stands `next` registers on. Whole registers are added, of which
+   some lanes go to one block and the others to the next. */
 static void peri__scatter_run(const peri_real *tile, int count, peri_real *to, ptrdiff_t next, int lane,
                               const int *column) {
     int j;
@@ -3570,33 +3567,28 @@ static void peri__scatter_run(const peri_real *tile, int count, peri_real *to, p
         static const peri__mask_of upper[32] = {0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,  0,
                                                 -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
         if (lane) {
-            peri__reg *beyond = (peri__reg *)(void *)((peri_real *)(void *)at + next), v;
             peri__mask mask, low, high;
             memcpy(&mask, upper + 16 - lane, sizeof mask);
             memcpy(&low, tile - lane, sizeof low);
             memcpy(&high, tile - lane + PERI__REGISTER, sizeof high);
-            low &= mask;
-            high &= ~mask;
-            memcpy(&v, &low, sizeof v);
-            *at += v;
-            memcpy(&v, &high, sizeof v);
-            *beyond += v;
+            at[0] += (peri__reg)(low & mask);
+            at[next] += (peri__reg)(high & ~mask);
             continue;
         }
 #endif
-        *at += *(const peri__reg *)(const void *)tile;
+        at[0] += *(const peri__reg *)(const void *)tile;
     }
-    (void)next;
+    (void)next;     /* registers of one number have no lanes to share out */
 }
 
-/* The same for rows that may be of the top, from row `inner` of the block on. */
+/* Adds rows k .. end - 1 of a block in the tile; those from row `inner` of the block on are of the top. */
 static void peri__scatter_block(const peri_cholesky *f, const peri_real *tile, const int *rows, int k, int end,
                                 int inner, int count, const peri__bench *w, const peri__panel *p, peri_real *to,
                                 const int *column) {
     inner = inner < k ? k : inner > end ? end : inner;
     if (end - k == PERI__REGISTER && rows[end - 1] - rows[k] == end - 1 - k && (inner == k || inner == end)) {
         int at = inner == end ? w->place[rows[k]] : w->top[rows[k] - f->s->part[PERI__PARTS]];
-        peri__scatter_run(tile, count, to + at, (ptrdiff_t)p->width * PERI__REGISTER, at % PERI__REGISTER, column);
+        peri__scatter_run(tile, count, to + at, p->width, at % PERI__REGISTER, column);
         return;
     }
     if (k < inner) peri__scatter(tile, rows, k, inner, count, w->place, 0, to, column);
@@ -4461,7 +4453,7 @@ void peri_lbfgs_begin(peri_lbfgs *l, int n, int m, peri_real *vectors) {
     l->y = vectors ? vectors + (ptrdiff_t)l->m * n : NULL;
 }
 
-/* A pair made where it will stay, s = share p and y = g1 - g (g1 where g is NULL), with its sums. */
+/* A pair made where it will stay, s = share p and y = g1 - g (g NULL: p and g1 as they are), with its sums. */
 typedef struct peri__pairing {
     int n, block;
     double share;
@@ -4472,14 +4464,17 @@ typedef struct peri__pairing {
 
 static void peri__pairing_run(int begin, int end, void *context) {
     peri__pairing *t = (peri__pairing *)context;
-    int block, i;
+    int block;
     for (block = begin; block < end; block++) {
         ptrdiff_t at = (ptrdiff_t)block * t->block, left = t->n - at;
         int n = left < t->block ? (int)left : t->block;
-        const peri_real *p = t->p + at, *g = t->g ? t->g + at : NULL, *g1 = t->g1 + at;
-        peri_real *s = t->s + at, *y = t->y + at, share = (peri_real)t->share;
-        for (i = 0; i < n; i++) s[i] = share * p[i];
-        for (i = 0; i < n; i++) y[i] = g ? g1[i] - g[i] : g1[i];
+        peri_real *s = t->s + at, *y = t->y + at;
+        memcpy(s, t->p + at, (size_t)n * sizeof *s);
+        memcpy(y, t->g1 + at, (size_t)n * sizeof *y);
+        if (t->g) {
+            peri__combine_run(n, t->share, s, 0, t->p + at);
+            peri__combine_run(n, 1, y, -1, t->g + at);
+        }
         t->sum[0][block] = peri__dot_run(n, s, y);
         t->sum[1][block] = peri__dot_run(n, s, s);
         t->sum[2][block] = peri__dot_run(n, y, y);
@@ -5308,10 +5303,9 @@ static void peri__gather3_task(int begin, int end, void *context) {
     int m;
     memcpy(tail, l->g + 3 * (ptrdiff_t)(t->n - 1), 3 * sizeof *tail);
     for (; begin < end; begin++) {
-        int last = t->down[begin + 1] - 1;
         peri__quad sum;
         memset(sum, 0, sizeof sum);
-        for (m = t->down[begin]; m <= last; m++) {
+        for (m = t->down[begin]; m < t->down[begin + 1]; m++) {
             int i = t->which[m];
             const peri_real *g = i < t->n - 1 ? l->g + 3 * (ptrdiff_t)i : tail;
             peri__quad_share(sum, t->share[m], g);

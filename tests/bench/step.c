@@ -7,8 +7,8 @@
    of three such runs (on shared machines a run can take twice as long as the one before it).
    Processor time (wall clock with OpenMP, 1 thread). Prints a table and writes CSV to the file named as the first
    argument. Second argument quick: a beam of 29 x 11 x 11; full: the 25 k beam, 98 k particles too, and the step time
-   over the number of particles. Before them correspondence at 1 k to 5 k particles, where two levels overtake Cholesky. Targets are for the 25 k beam and the machine of the prototype; the ratios between rows
-   hold elsewhere. */
+   over the number of particles. Before them correspondence at 1 k to 5 k particles, where two levels overtake Cholesky.
+   Targets are for the 25 k beam and the machine of the prototype; the ratios between rows hold elsewhere. */
 #define PERI_IMPLEMENTATION
 #include "../../peri.h"
 #include "bench.h"
